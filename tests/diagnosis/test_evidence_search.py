@@ -11,25 +11,28 @@ import pytest
 from scipy.stats import multivariate_t
 
 sys.path.insert(0, str(Path(__file__).parent))
-from test_budget import Cart, record
+from test_budget import STEP, Cart, record
 
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.cutting import split
+from fieldmodels.diagnosis.gain import noise_floor, predict
 from fieldmodels.diagnosis.marginal import FALLS, FREEDOM, SIZES, STRENGTHS, Evidence, _by_distance, _near
 from fieldmodels.diagnosis.options import DiagnosisOptions
-from fieldmodels.diagnosis.posterior import _curves_instead, posterior_of
+from fieldmodels.diagnosis.posterior import _curves_instead, _with_test, posterior_of
 from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.diagnosis.search import Search
+from fieldmodels.diagnosis.statements import explained
 from fieldmodels.drivers.variables import direction_of
+from fieldmodels.model import Effect, Parameter
 from fieldmodels.recording import Recording
 from fieldmodels.registry import get_model
 
 EVIDENCE = DiagnosisOptions(engine="evidence")
 
 
-def candidates_of(recording: Recording, **drag: float) -> Candidates:
-    model = Cart()
+def candidates_of(recording: Recording, cart: Cart | None = None, **drag: float) -> Candidates:
+    model = cart or Cart()
     problem, _ = split(model, [recording], [])
     whitener = np.diag(1 / problem.output_scale)
     start, known = model.vector({}, {"drag": drag}), frozenset(f"drag.{name}" for name in drag)
@@ -110,17 +113,66 @@ def test_a_cause_is_named_with_its_probability_and_nothing_else_is():
     assert cause.chance < 1e-6
 
 
-def test_probabilities_are_shares_of_all_sets_that_were_fitted():
-    search = Search(candidates_of(record(1)))
+def test_probabilities_are_shares_of_the_sets_that_both_records_leave():
+    search, testing = Search(candidates_of(record(1))), candidates_of(record(2)).problem
     search.run()
-    said = posterior_of(search)
+    totals = _with_test(search, testing)
+    least = min(totals.values())
+    every = sum(math.exp(least - total) for total in totals.values())
+    with_drag = sum(math.exp(least - total) for one, total in totals.items() if "drag" in one.names)
+    assert posterior_of(search, testing).names["drag"] == pytest.approx(with_drag / every)
     scores = {one.names: search.score(one) for one in search.sets if not one.curves}
-    least = min(search.score(one) for one in search.sets)
-    every = sum(math.exp(least - search.score(one)) for one in search.sets)
-    with_drag = sum(math.exp(least - search.score(one)) for one in search.sets if "drag" in one.names)
-    assert said.names["drag"] == pytest.approx(with_drag / every)
     assert scores["drag",] < scores[()]
     assert scores["drag", "slope"] > scores["drag",]  # a number more that brings nothing has its price
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_what_one_record_shows_and_another_does_not_is_not_of_the_machine(again):
+    """A push of 0.04 m/s2, 10 times its standard error, in the training record alone or in both."""
+
+    def pushed(seed, push):
+        cart = record(seed)
+        speed, own = np.zeros(len(cart.time)), np.random.default_rng(seed + 50)
+        for n in range(len(speed) - 1):
+            speed[n + 1] = speed[n] + STEP * (cart["force"][n] / 1.4 - 0.6 * speed[n] + push)
+        return Recording(cart.time, {**cart.signals, "speed": speed + 0.01 * own.standard_normal(len(speed))})
+
+    options = {"fixed": {"drag.rate": 0.6}, "options": EVIDENCE}
+    found = diagnose(Cart(), [pushed(1, 0.04)], [pushed(2, 0.04 if again else 0.0)], **options)
+    assert [cause.effect for cause in found.causes] == ["slope"] * again
+
+
+def test_a_gain_is_foreseen_whatever_size_an_effect_usually_has():
+    """A drag that is usually 30 times what it is here stops the cart in a sample, whatever it is."""
+    rates = {
+        scale: Effect("drag", "Air.", "force", (Parameter("rate", "1/s", 0.0, -50.0, 50.0, scale),))
+        for scale in (0.05, 19.0)
+    }
+    foreseen = []
+    for drag in rates.values():
+        cart = Cart()
+        cart.effects = (drag, Cart.effects[1])
+        candidates = candidates_of(record(1), cart)
+        foreseen.append(candidates.score_test(candidates.base(), "drag"))
+    assert foreseen[1] == pytest.approx(foreseen[0], rel=0.2)
+
+
+@pytest.mark.parametrize(("memory", "rate", "share"), [(0.95, 0.6, 1.0), (0.0, 0.3, 0.75)])
+def test_noise_is_as_large_where_nothing_moves(memory, rate, share):
+    """Errors above a sensor's white noise leave doubt only where they grow with the movement."""
+    rng = np.random.default_rng(6)
+    cart = record(1)
+    force = cart["force"] * np.repeat(np.tile([0.05, 1.0], 10), 100)
+    speed, noise = np.zeros(2000), np.zeros(2000)
+    for n in range(1999):
+        speed[n + 1] = speed[n] + STEP * (force[n] / 1.4 - 0.6 * speed[n])
+        noise[n + 1] = memory * noise[n] + 0.01 * rng.standard_normal()
+    testing = candidates_of(Recording(cart.time, {"force": force, "speed": speed + noise})).problem
+    before, after = (
+        predict(testing, Cart().vector({"mass": 1.4}, {"drag": {"rate": r}})) for r in (0.0, rate)
+    )
+    assert after.rmse()[0] > 1.7 * noise_floor(testing, after, 0)
+    assert explained(testing, before, after, 1.7) == pytest.approx(share, abs=0.1)
 
 
 def test_a_sensor_that_wanders_is_no_cause():

@@ -31,7 +31,7 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 NONE = np.zeros(0, dtype=np.int64)
 TRIED = 2  # starts that are followed after screening
-LEAST_STEP = 0.03  # part of an effect's usual size from which its first-order gain is read, at the least
+CLOSER = 2  # times that a first-order gain is read from a step nearer to what it says is there
 PROMISED = 0.7  # of the gain predicted of the first start: with so much in hand no other one is followed
 LEAST = 0.5  # nats of the same
 BASE_STEPS = 30  # of a fit of the base
@@ -430,22 +430,20 @@ class Candidates:
         place = self.problem.model.slice_of(effect.name).start
         linear = _linear(self.problem, effect)
         single = [g for g, k in enumerate(linear) if len(_parameter_starts(self.problem, effect, k)) == 1]
-        share = np.clip(2.0 * np.max(np.abs(multiple[:, single]), axis=1, initial=0.0), LEAST_STEP, 1.0)
-        if single and np.any(share < 1.0):
+        for _ in range(CLOSER if single else 0):
             # A step much larger than what is there shows no derivative.
+            share = np.clip(2.0 * np.max(np.abs(multiple[:, single]), axis=1), 0.1, 0.3)
             nearer = starts.copy()
             for g in single:
-                p = place + linear[g]
-                nearer[:, g, p] = parent.fit.parameters[p] + share * (
-                    starts[:, g, p] - parent.fit.parameters[p]
-                )
+                p, own = place + linear[g], parent.fit.parameters[place + linear[g]]
+                nearer[:, g, p] = own + share * (starts[:, g, p] - own)
             again, twice = self.score(parent, nearer)
             better = again > predicted
             starts = np.where(better[:, None, None], nearer, starts)
-            predicted, multiple = (
-                np.where(better, again, predicted),
-                np.where(better[:, None], twice, multiple),
-            )
+            predicted = np.where(better, again, predicted)
+            multiple = np.where(better[:, None], twice, multiple)
+            if not np.any(better):
+                break
         if len(linear) == 1 and _one_sided(self.problem, effect, linear[0]):
             predicted = np.where(multiple[:, 0] > 0.0, predicted, 0.0)
         if self.problem.observations is not None and starts.shape[:2] == (len(starts), 1) and len(starts) > 1:
