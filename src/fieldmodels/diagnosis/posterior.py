@@ -25,6 +25,8 @@ from fieldmodels.drivers.variables import SHARE
 
 SAME = 3.0
 """Nats within which sets are not told apart: the one with fewest curves and members leads."""
+TOLD = 2 * SAME
+"""Nats from the best within which sets say what may stand in a member's place: as many for each record."""
 PART = 0.02
 """Share of what a curve brings within which a name takes its place: first-order columns of a curve are
 interpolated between samples, where a name's are exact."""
@@ -75,9 +77,9 @@ def posterior_of(search: Search, testing: Problem) -> Posterior:
     scores = np.array([totals[one] for one in order])
     weights = np.exp(scores[0] - scores)
     weights /= weights.sum()
-    near = [one for one, score in zip(order, scores, strict=True) if score <= scores[0] + SAME]
-    near.sort(key=lambda one: (len(one.curves), one.size))  # stable: then by score
-    lead = _named_instead(search, near[0])
+    near = [one for one in order if totals[one] <= scores[0] + SAME]
+    lead = _named_instead(search, min(near, key=lambda one: (len(one.curves), one.size)))  # then by score
+    near = [one for one in order if totals[one] <= scores[0] + TOLD]
     instead = {name: _alternatives(search, lead, near, name) for name in lead.names}
     curves = tuple(_curves_instead(lead, near, own) for own in lead.curves)
 
@@ -118,7 +120,7 @@ def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
         return found[one]
 
     near = [one for one in order if search.score(one) <= search.score(order[0]) + NEAR]
-    totals = {one: search.score(one) + tested(one)[1].value for one in (*near, search.base)}
+    totals = {one: search.score(one) + tested(one)[1].value for one in (search.base, *near)}
     seen: set[Hypothesis] = set()
     while (lead := min(totals, key=lambda one: totals[one])) not in seen:
         seen.add(lead)
@@ -127,8 +129,9 @@ def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
             there, without = tested(part)
             apart = 0.5 * float(np.sum(((here.raw - there.raw) @ own.whitener.T) ** 2))
             share = np.clip((without.value - own.value + ALLOWED) / (apart + ALLOWED), 0.0, 1.0)
-            brought = max(search.marginal(part).value - search.marginal(lead).value, 0.0)
-            total = search.score(part) + without.value - (1.0 - float(share)) * brought
+            brought = search.marginal(part).value - search.marginal(lead).value
+            fewer = search.score(part) - search.score(lead) + without.value - own.value
+            total = totals[lead] + fewer - (1.0 - float(share)) * max(brought, 0.0)
             totals[part] = min(totals.get(part, math.inf), total)
     return totals
 
