@@ -1,6 +1,5 @@
 """The ledger of claims: the rule of its verdicts, resuming, one failing claim, and every claim's data."""
 
-import importlib.util
 import io
 import json
 import math
@@ -18,6 +17,7 @@ from fieldagents import task as tasks
 from fieldagents.cli import app
 from fieldmodels.code import files_reached
 from papers import ledger as books
+from papers import publish
 from papers import run as running
 from papers.claim import Claim, Decided, Ours, Statistic, at_least, at_most, judge, near, times
 from papers.pages import show_ledger
@@ -112,13 +112,10 @@ def test_every_claim_names_what_decides_it_or_why_nothing_can(task, claim):
             TypeAdapter(running.get_type_hints(entry.run, include_extras=True)[option]).validate_python(value)
 
 
-def test_the_page_of_the_documentation_is_current():
-    """Renew with ``python docs/ledger.py``."""
-    folder = Path(__file__).parents[2] / "docs"
-    spec = importlib.util.spec_from_file_location("docs_ledger", folder / "ledger.py")
-    pages = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(pages)
-    assert (folder / "ledger.md").read_text() == pages.page()
+def test_the_pages_are_current():
+    """Renew with ``python -m papers.publish``."""
+    assert (publish.FOLDER / "ledger.md").read_text() == publish.page()
+    assert (publish.DOCS / "ledger.md").read_text() == publish.summary()
 
 
 FIGURES = {
