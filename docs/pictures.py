@@ -63,13 +63,6 @@ def exam(page: str) -> Figure:
     return figure
 
 
-def mutants(page: str) -> Figure:
-    """Deliberate errors in each part of the project."""
-    parts = [(p.splitlines()[0], t[0]) for p in page.split("\n## ")[1:] if (t := tables(p))]
-    counts = [(name, len(rows) - 1) for name, rows in parts if rows[0][0] == "error"][::-1]
-    return counted(counts, "errors put in, all noticed by a test")
-
-
 def licences(page: str) -> Figure:
     """Packages by the kind of their licence."""
     kinds = {
@@ -244,7 +237,6 @@ def counted(counts: list[tuple[str, int]], label: str) -> Figure:
 
 PAGES: tuple[Callable[[str], Figure], ...] = (
     exam,
-    mutants,
     licences,
     faults,
     installation,
