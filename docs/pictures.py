@@ -6,7 +6,6 @@ python docs/pictures.py
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import shorten
@@ -65,19 +64,8 @@ def exam(page: str) -> Figure:
 
 def licences(page: str) -> Figure:
     """Packages by the kind of their licence."""
-    kinds = {
-        "Apache": "Apache",
-        "BSD": "BSD",
-        "MIT": "MIT",
-        "PSF|Python": "Python",
-        "MPL": "MPL",
-        "GPL": "LGPL",
-    }
-    found = (
-        next((kind for mark, kind in kinds.items() if re.search(mark, row[2])), "other")
-        for row in tables(page)[0][1:]
-    )
-    return counted(Counter(found).most_common()[::-1], "packages that it runs with")
+    rows = tables(page)[0][1:]
+    return counted([(kind, int(count)) for kind, count in rows][::-1], "packages that it runs with")
 
 
 def faults(page: str) -> Figure:
