@@ -112,10 +112,12 @@ def leaderboard(page: str) -> Figure:
         scenario, label = HEADLINES[name]
         column = rows[0].index(scenario)
         for k, row in enumerate(rows[:0:-1]):
-            value = row[column].strip("*").split(", ")[-1]  # the metric that decides
+            *share, value = row[column].strip("*").split(", ")  # the last metric decides
+            if value == "–":
+                continue
             mean, *more = numbers(value)
             half = more[0] if "±" in value else 0.0
-            few = "(of" in value and more[-1] < 90.0
+            few = bool(share) and numbers(share[0])[0] < 90.0
             colour = colours[_kind(row)]
             axes.errorbar(mean, k, xerr=half, fmt="o", color=colour, mfc="none" if few else colour, ms=5)
         axes.set_yticks(range(len(rows) - 1), [re.split(r"\W+", f" {row[0]}")[1] for row in rows[:0:-1]])
@@ -137,7 +139,7 @@ def leaderboard(page: str) -> Figure:
 
 
 def _kind(row: list[str]) -> str:
-    if row[0].startswith("["):
+    if row[-1]:  # its training
         return "learned"
     if "hidden" in row[1] or "does not act" in row[1]:
         return "not a competitor"

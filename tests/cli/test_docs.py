@@ -4,7 +4,6 @@ import importlib
 import importlib.util
 import re
 import sys
-from html import unescape
 from pathlib import Path
 
 import gymnasium
@@ -137,22 +136,25 @@ def test_results_in_the_readme_are_those_of_the_leaderboard():
             assert ("settings" in line.split("|")[2]) == bool(mark), f"{task}: {agent}"
 
 
-def test_the_leaderboard_shows_the_config_of_each_learned_agent_as_it_is():
+def test_the_leaderboard_says_of_each_learned_agent_what_its_card_says():
     board = (DOCS / "leaderboard.md").read_text()
-    shown = re.findall(r'<pre id="(\w+)-(\w+)"><code>(.*?)</code></pre>', board, re.DOTALL)
-    assert {f"#{task}-{agent}" for task, agent, _ in shown} == set(re.findall(r"\]\((#\w+-\w+)\)", board))
+    sections = {part.split("\n")[0]: part for part in board.split("\n## ")[1:]}
+    shown = [
+        (task, re.match(r"\| `(\w+)`", line)[1], line)
+        for task, section in sections.items()
+        for line in section.splitlines()
+        if line.endswith(" runs) |")
+    ]
     assert len(shown) > 10
-    for task, agent, text in shown:
-        config = (DOCS.parent / "configs" / task / f"{agent}.yaml").read_text()
-        assert unescape(text) == config, f"{task}/{agent}: make leaderboard"
+    for task, agent, row in shown:
+        assert (DOCS.parent / "configs" / task / f"{agent}.yaml").exists()
         cards = [training.card for training in zoo.get_entry(task, agent).trainings]
-        (row,) = [line for line in board.splitlines() if f"(#{task}-{agent})" in line]
         took = [run.get("processor_seconds") for card in cards for run in card["runs"]]
-        assert ("by the clock" in row) == (None in took), f"{task}/{agent}: not what its card says"
+        assert ("by the clock" in row) == (None in took), f"{task}/{agent}: make leaderboard"
         if None not in took:
-            assert f" {np.mean(took):.0f} s (" in row, f"{task}/{agent}: not what its card says"
+            assert f" {np.mean(took):.0f} s (" in row, f"{task}/{agent}: make leaderboard"
         for run in (run for card in cards for run in card["runs"] if run["steps"]):
-            assert f"{run['steps']:,} steps" in row, f"{task}/{agent}: not what its card says"
+            assert f"{run['steps']:,} steps" in row, f"{task}/{agent}: make leaderboard"
 
 
 @pytest.mark.parametrize("page", ["evaluation.md"])
