@@ -284,8 +284,8 @@ def page(found: dict[str, Any]) -> str:
         "![How many steps of CartPole a step of each environment take"
         "s, alone and in a vector](pictures/speed.svg)", "",
         "Each time is a ratio within one run, so that it does not depend on the machine. Less is better.",
-        f"`make bench` measures them again and fails if a ratio is {WORSE} times the accepted one; growth with",
-        "sizes and the cost of a diagnosis are in `benchmarks/results.json`.", "",
+        f"`make bench` measures them again and fails if a ratio is {WORSE} times the accepted one; growth",
+        "with sizes and the cost of a diagnosis are in `benchmarks/results.json`.", "",
         "| what | ratio | unit |", "|---|---|---|", *rows, "",
     ])  # fmt: skip
 
