@@ -57,20 +57,15 @@ def draw(trainings: list[Training]) -> Figure:
 def table(trainings: list[Training]) -> str:
     """What each entry took and reached: a Markdown table."""
     lines = [
-        "| entry | learner | runs | steps | seconds | flat at the end | test score of the runs |",
-        "|---|---|---|---|---|---|---|",
+        "| entry | steps | seconds | flat at the end | test score of its runs |",
+        "|---|---|---|---|---|",
     ]
     for training in trainings:
-        config, runs = training.card["config"], training.card["runs"]
+        runs = training.card["runs"]
         spent, clock = seconds(training)
-        learner = config["algorithm"].split(":")[-1]
-        if config.get("imitate"):
-            learner = f"imitation of `{config['imitate']['teacher']}`" + (
-                f", {learner}" * bool(config["steps"])
-            )
         flat = [run["plateau"] for run in runs if "plateau" in run]
         lines.append(
-            f"| `{training}` | {learner} | {len(runs)} | {runs[0]['steps']:,} | {spent:.0f} ({clock}) "
+            f"| `{training}` | {runs[0]['steps']:,} | {spent:.0f}{'*' * (clock == 'clock')} "
             f"| {f'{sum(flat)} of {len(flat)}' if flat else ''} | {scores(training.task, runs)} |"
         )
     return "\n".join(lines)
@@ -82,7 +77,7 @@ def scores(task: str, runs: list[dict[str, Any]]) -> str:
     for metric in get_task(task).metrics:
         values = [run["test_scores"][metric.name] for run in runs]
         low, high = (f"{100 * v if metric.binary else v:.4g}" for v in (min(values), max(values)))
-        told.append(f"{metric.label.replace('|', '&#124;')} {low} to {high}")
+        told.append(f"`{metric.name}` {low} to {high}{' %' * metric.binary}")
         if not metric.binary:
             break
     return "; ".join(told)
