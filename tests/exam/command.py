@@ -57,7 +57,7 @@ def exam(
 
         fieldgym exam --set develop --kind unlisted --kind nothing --workers 1
 
-        fieldgym exam --cases 1000 --publish docs/exam.md
+        fieldgym exam --cases 1000
 
         fieldgym exam --kind single --kind triple --fresh 7
 

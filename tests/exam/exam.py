@@ -72,14 +72,16 @@ def sample(cases: Sequence[FieldCase], count: int | None) -> Sequence[FieldCase]
 
 
 def by_kind(rows: Sequence[Row]) -> str:
-    """A table of the field set: of each kind, how many are right, false, silent; and the same of all."""
+    """A table of the field set: how many are right, false, silent; of each kind not all right, and of all."""
     kinds: dict[str, list[Row]] = {}
     for row in rows:
         kinds.setdefault(row["hidden"][0], []).append(row)
     lines = ["| kind | right | false | silent | falsely certain |", "|---|---|---|---|---|"]
     counted = [row for name, own in kinds.items() if name not in LATER for row in own]
+    right = {name for name, own in kinds.items() if name not in LATER and all(map(_is_right, own))}
     parts = [
-        *sorted(kinds.items()),
+        *((name, own) for name, own in sorted(kinds.items()) if name not in right),
+        (f"the {len(right)} other kinds", [row for row in rows if row["hidden"][0] in right]),
         *(
             (f"**all, {size}**", [r for r in counted if r["size"] == size])
             for size in ("usual", "large", "none")
@@ -100,8 +102,12 @@ def published(rows: Sequence[Row]) -> str:
     return "\n".join([*of_field, table.of_tables(wanted)])
 
 
+def _is_right(row: Row) -> bool:
+    return row["outcome"] in (*SAID, "consistent")
+
+
 def _rates(rows: Sequence[Row]) -> list[str]:
-    right = sum(row["outcome"] in (*SAID, "consistent") for row in rows)
+    right = sum(map(_is_right, rows))
     false = [row for row in rows if row["outcome"] in FALSE]
     certain = sum((row.get("stated") or 0.0) >= table.CERTAIN for row in false)
     silent = sum(row["outcome"] == "silent" for row in rows)
@@ -121,7 +127,7 @@ def versus(answers: Mapping[str, Sequence[Row]]) -> str:
         sought = [r for r in known if r["kind"] != "nothing"]
         extended = [r for r in counted if r.get("extended")]
         cells = [
-            _rate(sum(r["outcome"] in (*SAID, "consistent") for r in counted), len(counted)),
+            _rate(sum(map(_is_right, counted)), len(counted)),
             _rate(len(false), len(counted)),
             _rate(sum((r.get("stated") or 0.0) >= table.CERTAIN for r in false), len(counted)),
             _rate(sum((r["regained"] or 0.0) >= table.MOST for r in sought), len(sought)),
