@@ -33,17 +33,15 @@ HEAD = """# Leaderboard
 
 ![A panel a task: the mean of every agent with its interval, by what it sees](pictures/leaderboard.svg)
 
-All agents on the published test seeds, the same for all (`make leaderboard`). Each task's page says what the
-numbers mean, [Evaluation](evaluation.md) how agents are compared.
+All agents on the same published test seeds (`make leaderboard`). Each task's page says what the numbers mean,
+[Evaluation](evaluation.md) how agents are compared.
 
-- **Value**: mean ± half the 95 % interval over episodes; of learned agents over all training runs. "97.4 %,
-  1.85" is the share of episodes that succeed and the mean over these.
-- **Bold**: best of those that see no more than the observation. *Italics*: no competitors, since they see
-  hidden values or do not act.
-- **Decision**: wall time in milliseconds for one robot.
-- **Training**: algorithm and teacher, environment steps and processor seconds of a run; *by the clock*: wall
-  time on a busy machine. `fieldgym train <task>/<agent>` repeats it by `configs/<task>/<agent>.yaml`.
-- Reference agents were tuned on other seeds.
+- **Value**: mean ± half the 95 % interval. "97.4 %, 1.85": the share of successes, and the mean over these.
+- **Bold**: best of those that see the observation alone. *Italics*: no competitors, since they see hidden
+  values or do not act.
+- **Decision**: wall time for one robot.
+- **Training**: algorithm, teacher, environment steps, processor seconds of a run (*by the clock*: wall time on
+  a busy machine). `fieldgym train <task>/<agent>` repeats it.
 
 """
 
@@ -81,10 +79,10 @@ def table(summary: dict[str, Any], second: str, note: str | None) -> str:
         for scenario in names:
             text = _cell([scores[scenario][agent][m.name] for m in metrics], metrics)
             values.append(f"**{text}**" if best[scenario] == agent else f"*{text}*" if outside else text)
-        title = about[agent]["title"]
+        title = "" if agent in zoo else f": {about[agent]['title']}"
         right = SEES[sees] + (", does not act" if estimator else "")
         cells = [
-            f"`{agent}`: {title}",
+            f"`{agent}`{title}",
             right,
             *values,
             _decision(summary, names, agent),
