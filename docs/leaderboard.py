@@ -40,8 +40,8 @@ All agents on the same published test seeds (`make leaderboard`). Each task's pa
 - **Bold**: best of those that see the observation alone. *Italics*: no competitors, since they see hidden
   values or do not act.
 - **Decision**: wall time for one robot.
-- **Training**: algorithm, teacher, environment steps, processor seconds of a run (*by the clock*: wall time on
-  a busy machine). `fieldgym train <task>/<agent>` repeats it.
+- **Training**: algorithm, teacher, environment steps, processor seconds of a run (*by the clock*: wall time
+  on a busy machine). `fieldgym train <task>/<agent>` repeats it.
 
 """
 
