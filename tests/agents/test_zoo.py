@@ -1,8 +1,6 @@
 """The trained policies that come with the package: their cards tell the truth."""
 
 import hashlib
-import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -126,16 +124,6 @@ def test_a_damaged_card_is_named(tmp_path):
         card.write_text(text)
         with pytest.raises(ZooError, match=r"card\.json: not the card"):
             list_zoo(folder=tmp_path)
-
-
-def test_the_table_of_the_page_on_training_is_current():
-    """Renew with ``python docs/curves.py``."""
-    folder = Path(__file__).parents[2] / "docs"
-    spec = importlib.util.spec_from_file_location("docs_curves", folder / "curves.py")
-    curves = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(curves)
-    text = (folder / "training.md").read_text()
-    assert curves.page(text) == text
 
 
 def test_a_setting_that_a_training_drew_is_no_difference():
