@@ -1,4 +1,4 @@
-"""Oracle of a differential drive that is commanded by its wheels' speeds (docs/pose_reaching_physics.md)."""
+"""Oracle of a differential drive that is commanded by its wheels' speeds (docs/pose_reaching.md)."""
 
 from __future__ import annotations
 

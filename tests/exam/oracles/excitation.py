@@ -1,4 +1,4 @@
-"""The shaken vehicle by its momenta, written from docs/excitation_physics.md and the effects' equations.
+"""The shaken vehicle by its momenta, written from docs/excitation.md and the effects' equations.
 
 The linear and angular momentum of all there is, in the inertial frame, change as the ground and gravity
 push. The arm is six point masses that have its moments of inertia, the payload a seventh; attitudes are

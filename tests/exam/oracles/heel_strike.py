@@ -1,4 +1,4 @@
-"""The walker's leg and gyro by SciPy, written from docs/heel_strike_physics.md and the effects' equations.
+"""The walker's leg and gyro by SciPy, written from docs/heel_strike.md and the effects' equations.
 
     theta' = omega,  omega' = torque - g/length sin(theta) + forces of the effects      (2.11)
 

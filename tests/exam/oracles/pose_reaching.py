@@ -1,6 +1,6 @@
 """Oracle of a differential drive that is commanded by speed and turn rate.
 
-Written from the table and the chain in docs/pose_reaching_physics.md; an omnidirectional robot has a third
+Written from the table and the chain in docs/pose_reaching.md; an omnidirectional robot has a third
 rim, across the other two::
 
     command -> rims: gains, dead zone, saturation, jump -> delay -> lag at a limited rate

@@ -1,4 +1,4 @@
-"""The aircraft and its radar, written from docs/uav_route_physics.md and the dissertation's chapter 4.
+"""The aircraft and its radar, written from docs/uav_route.md and the dissertation's chapter 4.
 
 Places are complex numbers, north + i east [m], so that a positive phase turns to the right. Between a leg's
 start, the end of its bank and its end the flight is straight: all of it is in closed form. Nothing here is

@@ -4,7 +4,7 @@
     theta beyond zero -> strike; just after this sample  w+ = w - 0.5 (w - sgn w)
     omega -> gyro, read before the push-off; theta at a strike -> geometry's angle, held
 
-Written from docs/heel_strike_physics.md and the effects' equations, integrated by Runge and Kutta's
+Written from docs/heel_strike.md and the effects' equations, integrated by Runge and Kutta's
 fourth-order step.
 """
 

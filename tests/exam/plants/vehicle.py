@@ -1,7 +1,7 @@
 """A vehicle on its suspension, shaken by its arm: Newton and Euler in the vehicle's frame.
 
 Unknown are the acceleration of its centre of gravity and the angular one; arm and payload hang on its joint
-with a prescribed angle. Attitude is a rotation vector. Written from docs/excitation_physics.md and the
+with a prescribed angle. Attitude is a rotation vector. Written from docs/excitation.md and the
 effects' equations, for many runs side by side: vectors have the shape (3, runs).
 """
 
