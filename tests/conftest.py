@@ -2,8 +2,9 @@
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,6 +26,22 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     gone = kept - {(item.nodeid.partition("[")[0], item.nodeid.partition("[")[2][:-1]) for item in items}
     if gone and config.args == config.getini("testpaths"):  # of a selection others may be missing
         raise pytest.UsageError(f"matrix(keep=...) names cases that are not there: {sorted(gone)}")
+
+
+@pytest.fixture(scope="session")
+def for_every() -> Callable[[Iterable[Any], Callable[[Any], object]], None]:
+    """Check one fact on many cases in one test; all cases that fail are reported together."""
+
+    def run(cases: Iterable[Any], check: Callable[[Any], object]) -> None:
+        failures = []
+        for case in cases:
+            try:
+                check(case)
+            except (AssertionError, pytest.fail.Exception) as error:
+                failures.append(f"{case}: {error}")
+        assert not failures, "\n".join(failures)
+
+    return run
 
 
 @pytest.fixture(scope="session")
