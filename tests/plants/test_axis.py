@@ -28,7 +28,8 @@ def base_of(name):
 
 
 def values_of(name, effect):
-    return JUMP if effect == "parameter_step" else get_bench(name).values(effect, 3.1, 1, 3)
+    size = 100.0 if effect == "sensor_drift" else 3.1  # within a second, not a record
+    return JUMP if effect == "parameter_step" else get_bench(name).values(effect, size, 1, 3)
 
 
 def commands_for(name, rng):
@@ -119,6 +120,7 @@ SHOWING = ["sensor_bias", "sensor_drift", "sensor_gain", "backlash"]
 TOGETHER = (
     [*ACTUATOR, "thrust_curve"],
     [*SHOWING, "sensor_quantisation"],
+    ["sensor_gain", "sensor_drift"],
     ["coulomb_friction", "periodic_force", "actuator_lag", "actuator_rate_limit"],
     ["coulomb_friction", "hysteresis", "torque_limit", "dead_band"],
     ["payload", "cubic_stiffness", "cogging", "quadratic_drag", "constant_force", "velocity_lag"],

@@ -123,7 +123,7 @@ def pieces(
     return result
 
 
-@pytest.mark.parametrize("effects", REALITIES, ids=names)
+@pytest.mark.every("effects", REALITIES)
 def test_environment(effects: Effects) -> None:
     """The environment in this reality tells of the flights that the plant makes, scans at most 5 s apart."""
     settings: dict[str, Any] = {

@@ -54,7 +54,7 @@ def names(effects: Effects) -> str:
 
 
 def walked(effects: Effects, torques: Array, length: float = LENGTH) -> Array:
-    """Strike, gyro and the angle at the latest strike by the plant, shape (n, 3)."""
+    """Strike, gyro and angle at the latest strike by the plant, which makes finer steps, shape (n, 3)."""
     plant = leg.Leg(length, steps=16)
     leg.install(plant, effects)
     return leg.simulate(plant, torques, np.zeros((len(torques), 2)), STEP)
@@ -100,10 +100,8 @@ def both(effects: Effects) -> tuple[Array, Array, Array]:
     observed = np.ones((len(starts), lengths.max(), 4), dtype=np.bool_)
     windows = Windows(recording, starts, lengths, np.array(states), observed)
     vectors = np.array([model.vector({"length": LENGTH}, on) for on in (effects, {})])
-    predicted, seen = (
-        model.simulate(vectors, windows)[..., [0, 2, 3]],
-        np.full((len(starts), lengths.max(), 3), np.nan),
-    )
+    predicted = model.simulate(vectors, windows)[..., [0, 2, 3]]
+    seen = np.full(predicted.shape[1:], np.nan)
     for w, (first, length) in enumerate(zip(starts, lengths, strict=True)):
         seen[w, :length] = out[first : first + length]
         seen[w, 0, 1:] = np.nan  # of the stride before

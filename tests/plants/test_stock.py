@@ -493,19 +493,11 @@ LIMITS = {
 """What holds less well than the rest, and why."""
 
 
-@pytest.mark.parametrize(
-    ("machine", "place"),
-    [(m, p) for m in MACHINES for p in dict.fromkeys(e.place for e in MACHINES[m].stock)],
-)
-def test_a_stock_effect_from_rest_and_from_what_the_sensors_show(
-    machine, place, agree_with_the_plant, for_every
-):
-    def check(name):
-        slow = "sensor" in name and name.endswith("lag")
-        how = {"begins": (0,) if slow else (0, MIDDLE)} | LIMITS.get((machine, name), {})
-        agree_with_the_plant(machine, [name], **how)
-
-    for_every([e.name for e in MACHINES[machine].stock if e.place == place], check)
+@pytest.mark.every(("machine", "name"), [(m, e.name) for m in MACHINES for e in MACHINES[m].stock])
+def test_a_stock_effect_from_rest_and_from_what_the_sensors_show(machine, name, agree_with_the_plant):
+    slow = "sensor" in name and name.endswith("lag")
+    how = {"begins": (0,) if slow else (0, MIDDLE)} | LIMITS.get((machine, name), {})
+    agree_with_the_plant(machine, [name], **how)
 
 
 def test_every_kind_and_every_place_of_a_curve_has_a_case():
@@ -530,7 +522,7 @@ TOGETHER = [
 ]
 
 
-@pytest.mark.parametrize(("machine", "names"), TOGETHER, ids=range(len(TOGETHER)))
+@pytest.mark.every(("machine", "names"), TOGETHER)
 def test_several_effects_act_in_the_documented_order(machine, names, agree_with_the_plant):
     agree_with_the_plant(machine, names, tolerance=4e-3)
 

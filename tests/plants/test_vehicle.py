@@ -135,6 +135,12 @@ def test_prediction(effects: Effects) -> None:
         check_change(*both(json.dumps(effects), axis), *both("{}", axis), PREDICTED)
 
 
+def test_a_lag_shorter_than_a_sample() -> None:
+    """What it follows within a step counts."""
+    short = json.dumps({"actuator_lag": {"time_constant": 0.00073}})
+    check_change(*both(short, 2), *both("{}", 2), PREDICTED)
+
+
 PUSHED = np.array([3.1, -4.3, 5.7, 0.71, -0.53, 0.37, 0.0371, 0.0573])
 """Largest forces [N], torques [N m], and errors of the arm's angle and of its way from rest [rad]."""
 

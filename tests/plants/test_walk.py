@@ -70,7 +70,7 @@ def test_prediction(effects: Effects) -> None:
         np.testing.assert_allclose(window, rows[first : first + 7, 1:], rtol=0, atol=EXACT)
 
 
-@pytest.mark.parametrize("effects", REALITIES, ids=name_of)
+@pytest.mark.every("effects", REALITIES)
 def test_environment(effects: Effects) -> None:
     """The environment walks and sees in this reality as the plant does on a straight line."""
     quiet = dict.fromkeys(("sensor", "yaw", "lateral", "bias"), 0.0)
