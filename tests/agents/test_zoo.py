@@ -55,7 +55,7 @@ def test_a_policy_scores_again_what_its_card_says(training, run):
         assert result[name].mean() == expected, name
 
 
-@pytest.mark.parametrize("training", TRAININGS, ids=str)
+@pytest.mark.every("training", TRAININGS)
 def test_a_card_holds_the_whole_config_and_the_curve_of_every_run(training):
     card = training.card
     config = TrainConfig(**card["config"], seed=training.seeds[0])
@@ -74,7 +74,7 @@ def test_a_card_holds_the_whole_config_and_the_curve_of_every_run(training):
         assert chosen_by[run["best_steps"]] == chosen_by.max()
 
 
-@pytest.mark.parametrize("training", [one for one in TRAININGS if one.task == "heel_strike"], ids=str)
+@pytest.mark.every("training", [one for one in TRAININGS if one.task == "heel_strike"])
 def test_every_run_beats_the_best_fixed_gains_on_the_same_strides(training):
     environment = EnvironmentConfig(**training.card["config"]["environment"])
     fixed = get_task(training.task).agents["gated_tuned"].make(environment.settings)

@@ -49,7 +49,7 @@ def test_cli_page_shows_options_that_exist():
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", text)) <= known
 
 
-@pytest.mark.parametrize("page", sorted(p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md")))
+@pytest.mark.every("page", sorted(p.relative_to(DOCS).as_posix() for p in DOCS.rglob("*.md")))
 def test_a_page_has_a_picture_that_says_what_it_shows(page):
     found = re.findall(r"!\[(.*?)\]\((\S+?)\)", (DOCS / page).read_text())
     assert found
@@ -207,7 +207,7 @@ TRAINED = [
 ]
 
 
-@pytest.mark.parametrize("path", TRAINED, ids=lambda path: f"{path.parent.name}-{path.stem}")
+@pytest.mark.every("path", TRAINED)
 def test_shipped_training_configs_load(path):
     from fieldagents.config import load_config
     from fieldagents.learned.config import TrainConfig

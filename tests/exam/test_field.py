@@ -25,7 +25,7 @@ from fieldmodels.recording import Recording, Windows
 CASES = [case for which in SETS for case in field_cases(which)]
 
 
-@pytest.mark.parametrize("machine", PLANTS)
+@pytest.mark.every("machine", PLANTS)
 def test_a_plant_without_fault_is_the_machine_that_is_declared(machine: str):
     plant, model, rng = PLANTS[machine], model_of(machine), np.random.default_rng(7)
     p, rows, finer = numbers_of(plant, rng), 200, plant.finer
@@ -133,7 +133,7 @@ def test_a_curve_that_is_right_is_one_of_a_state_a_number_or_a_signal_that_there
 MADE = FieldCase("ring_down", "rig", 0, "usual"), FieldCase("one_step_a_file", "rig", 0, "large")
 
 
-@pytest.mark.parametrize("case", MADE, ids=lambda case: case.key)
+@pytest.mark.every("case", MADE)
 def test_a_case_is_the_same_again_and_its_records_are_three(case: FieldCase):
     one, again = make(case), make(case)
     for a, b in zip((*one.train, *one.third), (*again.train, *again.third), strict=True):
@@ -268,8 +268,6 @@ def equivalents() -> list[tuple[FieldCase, Fault, dict[int, float]]]:
     ]
 
 
-@pytest.mark.parametrize(
-    ("case", "other", "off"), equivalents(), ids=lambda one: getattr(one, "key", "instead")
-)
+@pytest.mark.every(("case", "other", "off"), equivalents())
 def test_an_equivalent_is_one_within_two_nats(case: FieldCase, other: Fault, off: dict[int, float]):
     assert evidence(case, other, off) < 2.0

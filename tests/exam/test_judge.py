@@ -37,7 +37,7 @@ def shown(*curve: str) -> Answer:
     return answer(verdict="unknown", curves=((place, target, over),))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("right", "given", "expected"),
     [
         (DRY, answer(("coulomb_friction",)), "right alone"),
@@ -65,7 +65,7 @@ def test_an_answer_is_the_best_that_one_of_the_right_ones_makes_of_it(
     assert outcome_of(FieldCase("kind", "motor", 0, "usual"), right, given) == expected
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("given", "expected"),
     [
         (answer(verdict="consistent"), "consistent"),

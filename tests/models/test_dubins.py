@@ -80,7 +80,7 @@ def test_never_shorter_than_the_straight_line_or_the_turn_and_nearly_straight_wh
     assert dubins_lengths(starts, goals, 1e-6) == pytest.approx(straight, abs=1e-4)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("start", "goal", "length"),
     [
         ((0, 0, 1.0), (0, 0, 1.0), 0.0),
