@@ -3,8 +3,10 @@
 import importlib
 import importlib.util
 import re
+import runpy
 import sys
 from pathlib import Path
+from pkgutil import resolve_name
 
 import gymnasium
 import numpy as np
@@ -15,7 +17,7 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 from fieldagents.cli import app
-from fieldagents.config import EnvironmentConfig, wrong_environment
+from fieldagents.config import EnvironmentConfig, load_config, wrong_environment
 from fieldagents.policies import zoo
 from fieldgym.info import part
 from fieldmodels.effects import actuators, changes, sensors
@@ -157,11 +159,13 @@ def test_the_leaderboard_says_of_each_learned_agent_what_its_card_says():
             assert f"{run['steps']:,} steps" in row, f"{task}/{agent}: make leaderboard"
 
 
-@pytest.mark.parametrize("page", ["evaluation.md"])
-def test_python_on_the_page_runs(page, capsys):
-    for code in re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL):
-        exec(compile(code, page, "exec"), {"__name__": "example"})
-    assert 0 < float(capsys.readouterr().out) < 20
+def test_an_agent_of_one_s_own_runs_as_the_page_says(tmp_path, monkeypatch, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (DOCS / "evaluation.md").read_text(), re.DOTALL)
+    (tmp_path / "middle.py").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    runpy.run_path("middle.py", run_name="__main__")
+    assert re.match(r"\{'fixed_tuned': 3\.\d+, 'middle:Middle': 3\.\d+\}", capsys.readouterr().out)
 
 
 @pytest.mark.nightly
@@ -182,22 +186,15 @@ def test_config_on_the_cli_page_records(tmp_path):
     assert len((tmp_path / "stiff_bench.csv").read_text().splitlines()) == 3001
 
 
-def test_config_on_the_evaluation_page_loads(tmp_path):
-    from fieldagents.config import load_config
-    from fieldagents.evaluation.config import EvaluateConfig
-
-    block = (DOCS / "evaluation.md").read_text().split("```yaml\n")[1].split("```")[0]
-    (tmp_path / "evaluate.yaml").write_text(block)
-    assert load_config(tmp_path / "evaluate.yaml", EvaluateConfig).episodes == 100
-
-
-def test_config_on_the_training_page_loads(tmp_path):
-    from fieldagents.config import load_config
-    from fieldagents.learned.config import TrainConfig
-
-    block = (DOCS / "training.md").read_text().split("```yaml\n")[1].split("```")[0]
-    (tmp_path / "sac.yaml").write_text(block)
-    assert load_config(tmp_path / "sac.yaml", TrainConfig).algorithm == "sac"
+@pytest.mark.parametrize(
+    ("page", "kind"),
+    [("evaluation", "fieldagents.evaluation.config:EvaluateConfig"),
+     ("training", "fieldagents.learned.config:TrainConfig")],
+)  # fmt: skip
+def test_the_config_on_a_page_loads(page, kind, tmp_path):
+    block = (DOCS / f"{page}.md").read_text().split("```yaml\n")[1].split("```")[0]
+    (tmp_path / "own.yaml").write_text(block)
+    assert load_config(tmp_path / "own.yaml", resolve_name(kind)).name
 
 
 TRAINED = [
@@ -209,7 +206,6 @@ TRAINED = [
 
 @pytest.mark.every("path", TRAINED)
 def test_shipped_training_configs_load(path):
-    from fieldagents.config import load_config
     from fieldagents.learned.config import TrainConfig
 
     config = load_config(path, TrainConfig)
