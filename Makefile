@@ -42,13 +42,12 @@ mutants: $(READY)  ## put errors into copies of the project and see the tests no
 bench: $(READY)  ## what users wait for, as ratios; fails where one is 1.5 times the accepted
 	$(BIN)/python benchmarks/run.py
 
-exam: $(READY)  ## the exam on its three sets, a sample of each (SET, CASES); goes on where it was stopped
+exam: $(READY)  ## the exam on its three sets, a sample of each (SET, CASES, BY); goes on where it was stopped
 	for set in $(or $(SET),develop report field field-report); do \
-		$(BIN)/python tests/exam/exam.py $$set --cases $(or $(CASES),300) || exit 1; done
+		$(BIN)/fieldgym exam --set $$set --by $(or $(BY),diagnosis) --cases $(or $(CASES),300) || exit 1; done
 
 rivals: $(READY)  ## thirty lines on the same cases
-	for set in $(or $(SET),develop report field field-report); do \
-		$(BIN)/python tests/exam/exam.py $$set --by forward --cases $(or $(CASES),300) || exit 1; done
+	$(MAKE) exam BY=forward
 
 papers: $(READY)  ## every claim of the sources decided (ONLY a task): results/ledger/ledger.html
 	$(BIN)/fieldgym reproduce --all $(ONLY)

@@ -1,4 +1,4 @@
-"""Draw the learning curves of the zoo, and write their table into the page on training.
+"""Draw the learning curves of the zoo.
 
 python docs/curves.py
 """
@@ -6,17 +6,14 @@ python docs/curves.py
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
 
 from fieldagents.policies.zoo import Training, list_zoo
-from fieldagents.task import get_task
-from fieldmodels.files import replacing, write_text
+from fieldmodels.files import replacing
 
 FOLDER = Path(__file__).parent
-BEGIN, END = "<!-- learning curves: begin -->", "<!-- learning curves: end -->"
 COLUMNS = 3
 
 
@@ -54,58 +51,15 @@ def draw(trainings: list[Training]) -> Figure:
     return figure
 
 
-def table(trainings: list[Training]) -> str:
-    """What each entry took and reached: a Markdown table."""
-    lines = [
-        "| entry | learner | runs | steps | seconds | flat at the end | test score of the runs |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for training in trainings:
-        config, runs = training.card["config"], training.card["runs"]
-        spent, clock = seconds(training)
-        learner = config["algorithm"].split(":")[-1]
-        if config.get("imitate"):
-            learner = f"imitation of `{config['imitate']['teacher']}`" + (
-                f", {learner}" * bool(config["steps"])
-            )
-        flat = [run["plateau"] for run in runs if "plateau" in run]
-        lines.append(
-            f"| `{training}` | {learner} | {len(runs)} | {runs[0]['steps']:,} | {spent:.0f} ({clock}) "
-            f"| {f'{sum(flat)} of {len(flat)}' if flat else ''} | {scores(training.task, runs)} |"
-        )
-    return "\n".join(lines)
-
-
-def scores(task: str, runs: list[dict[str, Any]]) -> str:
-    """The range over the runs of the first metric, and of what follows it where that one is a share."""
-    told = []
-    for metric in get_task(task).metrics:
-        values = [run["test_scores"][metric.name] for run in runs]
-        low, high = (f"{100 * v if metric.binary else v:.4g}" for v in (min(values), max(values)))
-        told.append(f"{metric.label.replace('|', '&#124;')} {low} to {high}")
-        if not metric.binary:
-            break
-    return "; ".join(told)
-
-
 def entries() -> list[Training]:
     """All entries of the zoo, each in every scenario that it was trained in."""
     return [training for entry in list_zoo() for training in entry.trainings]
 
 
-def page(text: str) -> str:
-    """The page on training with the present table in its place."""
-    before, rest = text.split(BEGIN)
-    _, after = rest.split(END)
-    return f"{before}{BEGIN}\n{table(entries())}\n{END}{after}"
-
-
 def main() -> None:
-    """Renew the figure and the table."""
+    """Renew the figure."""
     with replacing(FOLDER / "learning_curves.png") as path:
         draw([one for one in entries() if one.card["config"]["steps"]]).savefig(path, dpi=72)
-    training = FOLDER / "training.md"
-    write_text(training, page(training.read_text(encoding="utf-8")))
 
 
 if __name__ == "__main__":

@@ -2,12 +2,13 @@
 
     python docs/environments.py [TASK...]
 
-A page is the class docstring of the environment, followed by its settings as a table.
+A page is the class docstring of the environment, followed by its settings and where stock effects act.
 """
 
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from itertools import islice
 from pathlib import Path
@@ -32,12 +33,21 @@ def page(task: Task) -> str:
     """The Markdown page of one task."""
     environment = gym.make(task.env_id).unwrapped
     text = inspect.cleandoc(environment.__doc__ or "")
-    settings = "\n".join(f"| `{n}` | `{d}` | {r} | {m} |" for n, d, r, m in settings_of(task.settings))
     return (
         f"# {task.title}\n\n`{task.env_id}`\n\n![The task while it runs]({task.name}.webp)\n\n{text}\n\n"
-        f"## Settings\n\n`{task.settings.__name__}`\n\n"
-        f"| Setting | Default | Range | Meaning |\n|---|---|---|---|\n{settings}\n\n"
-        f"## Stock effects\n\n{stock_effects(task)}\n"
+        f"## Settings\n\n{settings(task)}\n\n## Stock effects\n\n{stock_effects(task)}\n"
+    )
+
+
+def settings(task: Task) -> str:
+    """The settings of a task as a table, or a link to the table of a task that has the same."""
+    first = next(other for other in TASKS.values() if other.settings is task.settings)
+    if first is not task:
+        return f"Those of [{first.title}]({first.name}.md#settings)."
+    rows = "\n".join(f"| `{n}` | {d} | {m} |" for n, d, m in settings_of(task.settings))
+    return (
+        f"`{task.settings.__name__}`; *fixed* ones are never random.\n\n"
+        f"| Setting | Default, range | Meaning |\n|---|---|---|\n{rows}"
     )
 
 
@@ -49,26 +59,40 @@ def stock_effects(task: Task) -> str:
         "sensors": tuple(dict.fromkeys(channels.observed)),
         "parameters": tuple(p.name for p in parameters),
     }
-    told = "\n".join(
-        f"| {title} | {', '.join(f'`{n}`' for n in own) or '-'} |" for title, own in names.items()
+    listed = "\n".join(
+        f"- {title}: {', '.join(f'`{n}`' for n in own)}" for title, own in names.items() if own
     )
-    text = f"A `reality` may name [stock effects](../realities.md) of\n\n| | |\n|---|---|\n{told}\n"
+    text = f"A `reality` may name [stock effects](../realities.md) of\n\n{listed}\n"
     if channels.prompt:
         prompt = ", ".join(f"`{n}`" for n in channels.prompt)
-        text += f"\nOn {prompt} only effects without dynamics can act: no lag, delay or rate limit.\n"
+        text += f"\nEffects with dynamics (lag, delay, rate limit) cannot act on {prompt}.\n"
     if not (channels.commands and channels.observed):
         text += f"\nThere are no others: {channels.without}.\n"
     return text.rstrip()
 
 
-def settings_of(kind: type[Any]) -> list[tuple[str, Any, str, str]]:
-    """Name, default, range and meaning of every setting, as declared."""
+def interval(bounds: str) -> str:
+    """Bounds in words as an interval: "greater than 0, at most 10" as "(0, 10]"."""
+    found = re.fullmatch(r"(at least|greater than) (\S+), (at most|less than) (\S+)", bounds)
+    if found:
+        low, least, high, most = found.groups()
+        return f"{'[' if low == 'at least' else '('}{least}, {most}{']' if high == 'at most' else ')'}"
+    for words, symbol in {"at least": "≥", "greater than": ">", "at most": "≤", "less than": "<"}.items():
+        bounds = bounds.replace(words, symbol)
+    return bounds
+
+
+def settings_of(kind: type[Any]) -> list[tuple[str, str, str]]:
+    """Name, default with its range, and meaning of every setting, as declared."""
     rows = []
     for name, one in declared(kind).items():
         default = round(one.default, 4) if isinstance(one.default, float) else one.default
         unit, fixed = one.setting.unit, one.setting.fixed
         meaning = f"{one.setting.meaning[:-1]} [{unit}]." if unit else one.setting.meaning
-        rows.append((name, default, one.range(), f"{meaning} *Never random: {fixed}.*" if fixed else meaning))
+        named = one.choices and all(f"`{choice}`" in meaning for choice in one.choices)
+        bounds = "" if named else interval(one.range())
+        stated = ", ".join(filter(None, (f"`{default}`", bounds)))
+        rows.append((name, stated, f"{meaning} *Fixed.*" if fixed else meaning))
     return rows
 
 

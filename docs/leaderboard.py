@@ -33,15 +33,15 @@ HEAD = """# Leaderboard
 
 ![A panel a task: the mean of every agent with its interval, by what it sees](pictures/leaderboard.svg)
 
-*Reference and learned agents on the published test seeds, the same for all; made by `make leaderboard`.*
+All agents on the same published test seeds (`make leaderboard`). Each task's page says what the numbers mean,
+[Evaluation](evaluation.md) how agents are compared.
 
-Mean ± half the 95 % interval over episodes (of shares the interval itself; learned agents: over all training
-runs first). **Bold**: the best that see no more than the observation. *Italics*: not competitors, for they
-see hidden values or do not act. *Decision*: milliseconds by the clock for one robot's decision.
-*Training*: algorithm and teacher, environment steps and processor seconds of a run, from its card in
-`agents/fieldagents/zoo/`; *clock*: the card has only the time that passed, beside other work. A learned
-agent's name opens its config. Reference agents were tuned on other seeds, as their titles say. Each task's
-page says what the numbers mean, and [Evaluation](evaluation.md) how agents are compared.
+- **Value**: mean ± half the 95 % interval. "97.4 %, 1.85": the share of successes, and the mean over these.
+- **Bold**: best of those that see the observation alone. *Italics*: no competitors, since they see hidden
+  values or do not act.
+- **Decision**: wall time for one robot.
+- **Training**: algorithm, teacher, environment steps, processor seconds of a run (*by the clock*: wall time
+  on a busy machine). `fieldgym train <task>/<agent>` repeats it.
 
 """
 
@@ -77,21 +77,19 @@ def table(summary: dict[str, Any], second: str, note: str | None) -> str:
         outside = estimator or sees == "privileged"
         values = []
         for scenario in names:
-            text = ", ".join(_value(scores[scenario][agent][m.name], m) for m in metrics)
+            text = _cell([scores[scenario][agent][m.name] for m in metrics], metrics)
             values.append(f"**{text}**" if best[scenario] == agent else f"*{text}*" if outside else text)
-        name = f"[`{agent}`](#{task}-{agent})" if agent in zoo else f"`{agent}`"
-        title = about[agent]["title"]
+        title = "" if agent in zoo else f": {about[agent]['title']}"
         right = SEES[sees] + (", does not act" if estimator else "")
         cells = [
-            f"{name}: {title}",
+            f"`{agent}`{title}",
             right,
             *values,
             _decision(summary, names, agent),
             _training(zoo.get(agent), task),
         ]
         lines.append("| " + " | ".join(cell.replace("|", "&#124;") for cell in cells) + " |")
-    configs = [_config(task, agent) for agent in rows if agent in zoo]
-    return "\n".join([*lines, "", *([note, ""] if note else []), *configs, ""])
+    return "\n".join([*lines, "", *([note, ""] if note else [])])
 
 
 HEADLINES = {
@@ -185,6 +183,14 @@ def _value(score: dict[str, Any], metric: Any) -> str:
     return text if score["share"] > 0.9995 else f"{text} (of {100 * score['share']:.1f} %)"
 
 
+def _cell(found: Sequence[dict[str, Any]], metrics: Sequence[Any]) -> str:
+    """All metrics of a scenario; a share goes without its interval, and the next is a mean over these."""
+    if not metrics[0].binary:
+        return ", ".join(map(_value, found, metrics))
+    share, *others = (_value(*one).partition(" (")[0] for one in zip(found, metrics, strict=True))
+    return ", ".join([f"{share} %", *others])
+
+
 def _decision(summary: dict[str, Any], names: Sequence[str], agent: str) -> str:
     times = [summary["decision_ms"][scenario].get(agent) for scenario in names]
     alone = [one["alone"] for one in times if one]
@@ -207,14 +213,6 @@ def _training(entry: ZooEntry | None, task: str) -> str:
     return f"{', '.join([*parts, took])} ({runs} runs)"
 
 
-def _config(task: str, agent: str) -> str:
-    """The config of a learned agent, one click away."""
-    text = (ROOT / "configs" / task / f"{agent}.yaml").read_text(encoding="utf-8")
-    name = f"configs/{task}/{agent}.yaml"
-    code = f'<pre id="{task}-{agent}"><code>{text.replace("&", "&amp;").replace("<", "&lt;")}</code></pre>'
-    return f"<details><summary>{name}</summary>\n{code}\n</details>"
-
-
 def fresh(summary: dict[str, Any]) -> str:
     """How learned agents compare with the baseline on seeds that nobody had used."""
     found = []
@@ -229,8 +227,7 @@ def fresh(summary: dict[str, Any]) -> str:
                 )
     first, count = summary["first_seed"], summary["episodes"]
     return (
-        f"On {count} seeds that nobody had tuned, trained or tested on (from {first:,}), paired with "
-        f"`{summary['baseline']}`: {', '.join(found)}."
+        f"On {count} unused seeds (from {first:,}), paired with `{summary['baseline']}`: {', '.join(found)}."
     )
 
 

@@ -6,6 +6,7 @@
 
 import json
 import re
+from collections import Counter
 from importlib.metadata import Distribution, PackageNotFoundError, distribution
 from pathlib import Path
 
@@ -44,26 +45,36 @@ def licences() -> dict[str, tuple[str, str]]:
     return result
 
 
+KINDS = {
+    "Apache": "Apache", "BSD": "BSD", "MIT": "MIT", "PSF|Python": "Python", "MPL": "MPL", "GPL": "LGPL",
+}  # fmt: skip
+"""What a licence's text holds, to its kind; the first that fits."""
+
+
 def page(found: dict[str, tuple[str, str]]) -> str:
     """The page of licences."""
-    rows = [f"| {name} | {one[0]} | {one[1].replace('|', '/')} |" for name, one in found.items()]
+    kinds = Counter(
+        next((kind for mark, kind in KINDS.items() if re.search(mark, terms)), "other")
+        for _, terms in found.values()
+    )
     shared = [f"{name} ({terms})" for name, (_, terms) in found.items() if COPYLEFT.search(terms)]
     return "\n".join([
         "# Licences",
         "",
         "![Packages by kind of licence: most are MIT, BSD or Apache](pictures/licences.svg)",
         "",
-        "fieldgym is under the MIT licence and ships no code of others. What it runs with, from the",
-        "packages' own metadata (`python docs/supply.py`):",
+        "fieldgym is under the MIT licence and ships no code of others. Every package that it runs with,",
+        "its version and its licence are in `sbom.cdx.json` (CycloneDX), taken from the packages' metadata",
+        "by `python docs/supply.py`.",
+        "",
+        "| licence | packages |",
+        "|---|---|",
+        *(f"| {kind} | {count} |" for kind, count in kinds.most_common()),
         "",
         f"Weak copyleft, each used as a library of its own that can be replaced: {'; '.join(shared)}.",
         "",
         "npTDMS, python-can and pymavlink come with extras alone (`labview`, `can`, `ardupilot`).",
         "pymavlink states LGPL 3 as a package, but GPL 3 or later in the file that reads DataFlash logs.",
-        "",
-        "| package | version | licence |",
-        "|---|---|---|",
-        *rows,
         "",
     ])  # fmt: skip
 

@@ -2,8 +2,11 @@
 
 import os
 import shutil
+from collections import ChainMap
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -25,6 +28,45 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     gone = kept - {(item.nodeid.partition("[")[0], item.nodeid.partition("[")[2][:-1]) for item in items}
     if gone and config.args == config.getini("testpaths"):  # of a selection others may be missing
         raise pytest.UsageError(f"matrix(keep=...) names cases that are not there: {sorted(gone)}")
+
+
+def cases_of(item: pytest.Item | pytest.Function) -> list[dict[str, Any]]:
+    """Arguments of every case of a test that is marked ``every``, as ``parametrize`` would give them."""
+    given = []
+    for mark in item.iter_markers("every"):
+        names, rows = mark.args
+        names = names.split(", ") if isinstance(names, str) else names
+        given.append([dict(zip(names, row if len(names) > 1 else [row], strict=True)) for row in rows])
+    return [dict(ChainMap(*case)) for case in product(*given)] if given else []
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Keep a place for what ``every`` gives."""
+    names = {name for case in cases_of(metafunc.definition)[:1] for name in case}
+    if names:
+        metafunc.parametrize(sorted(names), [[None] * len(names)], ids=["every"])
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
+    """Check all cases of ``every`` in one test; those that fail are reported together."""
+    cases, errors = cases_of(pyfuncitem), []
+    names = pyfuncitem._fixtureinfo.argnames
+    for number, case in enumerate(cases):
+        given = {name: case.get(name, pyfuncitem.funcargs[name]) for name in names}
+        if "tmp_path" in given:
+            given["tmp_path"] /= str(number)
+            given["tmp_path"].mkdir()
+        try:
+            pyfuncitem.obj(**given)
+        except (Exception, pytest.fail.Exception) as error:
+            error.add_note(f"in the case {case}")
+            errors.append(error)
+        if "monkeypatch" in given:
+            given["monkeypatch"].undo()
+    if errors:
+        raise BaseExceptionGroup(f"{len(errors)} of {len(cases)} cases", errors)
+    return True if cases else None
 
 
 @pytest.fixture(scope="session")

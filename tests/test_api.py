@@ -44,7 +44,7 @@ def found():
     return fg.Diagnosis(Motor()).fit(made(0))
 
 
-@pytest.mark.parametrize("name", fg.__all__)
+@pytest.mark.every("name", fg.__all__)
 def test_a_public_name_is_there_and_says_what_it_is(name):
     if name == "make_sb3_vec":
         pytest.importorskip("stable_baselines3")

@@ -44,7 +44,7 @@ SCRIPTS = sorted(
 )
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.every("script", SCRIPTS)
 def test_what_a_script_imports_is_there(script: str):
     """A benchmark that the docs name had imported a function that was deleted."""
     tree = ast.parse((ROOT / script).read_text(encoding="utf-8"))

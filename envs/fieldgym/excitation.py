@@ -68,16 +68,13 @@ class ExcitationSettings(Rules):
     reward: Annotated[
         Literal["bits", "relative_error"],
         Setting(
-            "What a decision is rewarded for: the `bits` that the filter gains, or halvings of the expected "
-            "`relative_error`, the mean of the standard deviations over the nominal values."
+            "What a decision is rewarded for: the `bits` that the filter gains, or halvings of the "
+            "expected `relative_error`."
         ),
     ] = "bits"
     weights: Annotated[
         tuple[Weight, Weight, Weight, Weight, Weight],
-        Setting(
-            "Weight in the reward of mass, each inertia, c.g., damping and stiffness: the source's "
-            '"weightings that may be problem dependent" (section VI).'
-        ),
+        Setting("Weight in the reward of mass, each inertia, c.g., damping and stiffness (section VI)."),
     ] = (1.0, 1.0, 1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:
@@ -401,28 +398,24 @@ class _ExcitationTask(BatchTask):
 
 
 class ExcitationEnv(TaskEnv):
-    r"""Shake a vehicle with its own arm so that its unknown mass, inertia and suspension show.
+    r"""Shake a vehicle with its own arm to identify its unknown mass, inertia and suspension.
 
     ## Description
 
-    A vehicle stands on a suspension of springs and dampers in all six directions. On it, an arm swings about
-    its base joint and shakes it; an accelerometer, an inclinometer and a force/torque sensor under the arm
-    measure the vehicle's response. 22 parameters are unknown: mass, inertia, where the center of gravity is,
-    damping, stiffness. They enter the equations of motion linearly, *A x = F*, eq (4) of V. A. Sujan and
-    S. Dubowsky, "An optimal information method for mobile manipulator dynamic parameter identification",
-    IEEE/ASME Trans. Mechatronics 8(2), 2003, and a filter estimates them while the vehicle is shaken.
+    A vehicle stands on springs and dampers in all six directions. An arm on it swings about its base joint;
+    an accelerometer, an inclinometer and a force/torque sensor under the arm measure the vehicle's
+    response. 22 parameters are unknown: mass, inertia, centre of gravity, damping, stiffness. They enter
+    the equations of motion linearly, *A x = F*, eq (4) of V. A. Sujan and S. Dubowsky, "An optimal
+    information method for mobile manipulator dynamic parameter identification", IEEE/ASME Trans.
+    Mechatronics 8(2), 2003. A filter estimates them while the vehicle is shaken.
 
-    Every 0.4 s the agent chooses the arm's next sinusoid f(t) = a0 + a sin(*w* t). What is shaken well is
-    known well: the reward is information about the parameters, in bits. The best motion depends on what
-    is still unknown, on the vehicle (its parameters), and on the arm, which follows with a delay.
-
-    The same motion runs three times side by side, the arm turning about x, y and z: 18 equations a sample,
-    80 samples a decision, 25 decisions an episode of 10 s.
+    Every 0.4 s the agent chooses the arm's next sinusoid f(t) = a0 + a sin(*w* t). The same motion runs
+    three times, the arm turning about x, y and z: 18 equations a sample, 80 samples a decision, 25
+    decisions an episode. [Physics, agents and results](../excitation.md).
 
     ## Action Space
 
-    `Box(-1, 1, (3,), float32)`. Values outside are clipped; others than finite numbers are refused
-    (`InvalidAction`).
+    `Box(-1, 1, (3,), float32)`. Clipped; numbers that are not finite raise `InvalidAction`.
 
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
@@ -430,14 +423,13 @@ class ExcitationEnv(TaskEnv):
     | 1 | frequency *w* | 0.5 rad/s | 6.25 rad/s (`paper`: 1.75) | 12 rad/s (`paper`: 3) |
     | 2 | offset *a0* | -1.57 rad | 0 | 1.57 rad |
 
-    All three pass smoothly (quintic) to the new values within the 0.4 s; angle, speed and acceleration of
-    the arm are continuous. The acceleration stays within 25 rad/s² (`paper`: 5): the arm goes as far
-    towards the command as that allows, and a steady sinusoid may use nine tenths of it, which cuts the
-    amplitude. `info["arm.command"]` holds the command that is in force.
+    All three pass to the new values within the 0.4 s by a quintic. The acceleration stays within 25 rad/s²
+    (`paper`: 5); a steady sinusoid may use nine tenths of it, which cuts the amplitude.
+    `info["arm.command"]` holds the command in force.
 
     ## Observation Space
 
-    `Box(low, high, (50,), float32)`: the filter's estimates and the state of the arm.
+    `Box(low, high, (50,), float32)`
 
     | Num | Observation | Min | Max |
     |-----|-------------|-----|-----|
@@ -452,16 +444,13 @@ class ExcitationEnv(TaskEnv):
 
     ## Rewards
 
-    The bits that the filter has gained in the step: the information about each parameter, eqs (9)-(15),
-    in the form that depends on its standard deviation alone, summed over the parameters. The sum of an
-    episode is the final information less that of the prior. A filter's bits are worth what its standard
-    deviations are: those of the default are valid; `naive` claims more bits than it has.
+    The bits that the filter gains in the step: the information about each parameter, eqs (9)-(15), in the
+    form that depends on its standard deviation alone, summed.
 
-    With `reward="relative_error"` a step is worth log2 of the expected relative error before it over that
-    after it: of the mean, over the parameters that are nominally not zero, of the filter's standard
-    deviation over the nominal value. Bits count a halving of any parameter's deviation alike; this reward
-    follows the least known ones, and ranks motions by Table I's error where bits do not. `weights` weigh
-    groups of parameters in either.
+    With `reward="relative_error"`: log2 of the expected relative error before the step over that after it.
+    That error is the mean, over the parameters that are nominally not zero, of standard deviation over
+    nominal value; it ranks motions by Table I's error where bits do not. `weights` weigh groups of
+    parameters in either.
 
     `info` holds after each step, and after `reset`
 
@@ -470,9 +459,9 @@ class ExcitationEnv(TaskEnv):
     | `bits` | information about all parameters [bits] |
     | `error_percent` | average error in percent of the true value, over those that are not zero (Table I) |
     | `error_normalised` | average error in percent of the prior's range |
-    | `bits_naive`, `error_percent_naive`, `error_normalised_naive` | the same of the naive filter beside it |
+    | `bits_naive`, `error_percent_naive`, `error_normalised_naive` | of the published (naive) filter |
     | `reached_20` | 1 while the average error is below 20 %, else 0 |
-    | `time_to_20` | since when it has been so without a break [s]; the time so far while it is not |
+    | `time_to_20` | since when it has been so, or the time so far [s] |
     | `time` | since the start [s] |
     | `noise_draw` | mean of the draws behind the latest sample's noise, in (-1, 1): equal for all agents |
     | `information` | about each parameter [bits], shape (22,) |
@@ -483,16 +472,15 @@ class ExcitationEnv(TaskEnv):
     | `variances` | of the noise of each measured signal, shape (3, 24) |
     | `privileged.truth`, `privileged.error` | 22 true values, and estimates less these |
 
-    Errors compare with the truth: they are for scoring, no agent should act on them. `estimate`, `arm`,
-    `base` and `variances` come from what is measured and commanded; an agent that computes with a
-    model may use them.
+    Errors and `privileged` are for scoring only; an agent with a model may use `estimate`, `arm`, `base`,
+    `variances`.
 
     ## Starting State
 
-    The vehicle is at rest; the arm is in the source's constant excitation (24), *a* = 40 deg, *w* = 90
-    deg/s, *a0* = 45 deg, at phase 0; the filter knows the prior's mean and variance. The vehicle is that of
-    the `preset`, or with `truth_spread` one near it. Truth and the draws of the noise depend on the
-    seed alone, never on the actions.
+    The vehicle is at rest. The arm is in the source's constant excitation (24), *a* = 40 deg, *w* = 90
+    deg/s, *a0* = 45 deg, at phase 0. The filter has the prior's mean and variance. The vehicle is the
+    `preset`, or one near it with `truth_spread`: train with 0.3, since an agent may memorise the schedule
+    of one vehicle. Truth and noise depend on the seed alone, never on the actions.
 
     ## Episode End
 
@@ -510,38 +498,23 @@ class ExcitationEnv(TaskEnv):
         reality={"payload": {"mass": 0.2}},
         render_mode="rgb_array",
     )
-    gym.make_vec("fieldgym/Excitation-v0", num_envs=64)  # native: one kernel, same bits
+    gym.make_vec("fieldgym/Excitation-v0", num_envs=64)  # one kernel, same bits
     ```
 
-    - `settings`: an `ExcitationSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `excitation`, stock effects of its
-      signals, the path of an `extended.yaml` that a diagnosis wrote (of the `soft` vehicle, which is the
-      model's), or None for the nominal simulation. The filters go on believing in eq (4).
-    - `render_mode`: `rgb_array` (960 x 540, one frame a decision; `step_frames` gives slices of it) or
-      `human`.
-
-    `get_state` and `set_state` save and restore everything, to the bit.
-
-    `truth_spread` is 0 by default: the tables of the source are about one vehicle, and so are comparisons
-    with them. An agent that learns on one vehicle may learn the schedule for it by heart; train with a
-    spread (0.3), and compare on both.
+    `reality` takes effects of the model `excitation`, stock effects, or the path of a diagnosis's
+    `extended.yaml` (of the `soft` vehicle); the filters go on assuming eq (4). `render_mode` is `rgb_array`
+    (960 x 540, a frame a decision; `step_frames` slices it) or `human`. `get_state` and `set_state` restore
+    to the bit.
 
     ## Matches, deviates, assumed
 
-    - **Matches** the source: dynamics and unknowns (1)-(4), three rotations of the arm (section III);
-      Table I's true values; the arm's mass and inertia, noise of up to 10 % of the maximum sensed value, 5 ms
-      sampling, 0.4 s decisions, 10 s runs, 10 bits (section VII-A); information (9)-(15). A constant
-      action of eq (24) gives exactly that motion.
-    - **Deviates**: the default filter compensates for the noise in *A*. The Kalman filter as published
-      takes *A* for exact; noise in it pulls the mass to half its value and shrinks the claimed deviations.
-      It runs beside the other and is scored too (`estimator="naive"` puts it first).
-    - **Assumed**: ranges of the prior; limits of the arm (the source: "bandwidth constraints") and how one
-      command passes into the next; the full scale of a sensor as its maximum under eq (24)
-      (`noise="running_max"`: in the run so far); the arm as a uniform rod of 0.49 m; y forward, z up; the
-      arm upright when it turns about y. `soft` has damping 20, 20, 30 kg/s and 2, 2, 3 kg m²/s, stiffness
-      1000, 1000, 1500 kg/s² and 60, 50, 80 kg m²/s².
-    - **`table2`** is the source's experiment without an accelerometer: the moment about x of the first run
-      alone, and the five unknowns of Table II; the vehicle is still the preset's.
+    - **Matches**: dynamics, unknowns, arm, noise, sampling and information; a constant action of (24) gives
+      the source's motion.
+    - **Deviates**: the default filter compensates for the noise in *A*. The published Kalman filter takes
+      *A* for exact, which pulls the mass to half its value and shrinks the claimed deviations; it is scored
+      too.
+    - **Assumed**: ranges of the prior; limits of the arm and the passage between commands; a sensor's full
+      scale as its maximum under (24); the arm's length and axes.
 
     ## Version History
 

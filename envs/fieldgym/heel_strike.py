@@ -62,15 +62,15 @@ class HeelStrikeSettings(Regimes):
     score: Annotated[
         Literal["angle", "angle_and_floor"],
         Setting(
-            "`angle` scores the error of the angle just before the heel-strike reset; `angle_and_floor` adds "
-            "the floor's height error to it, as section 2.4.5 words it."
+            "`angle` scores the error just before the heel-strike reset; `angle_and_floor` adds the "
+            "floor's height error (section 2.4.5)."
         ),
     ] = "angle"
     reward_scale: Annotated[
         float | None,
         Setting(
-            "Error that costs a reward of one; None takes the tuned Ranger estimator's mean error under the "
-            "collision kind's default levels.",
+            "Error that costs a reward of one; None is the tuned Ranger's mean error under the kind's "
+            "default levels.",
             "mm",
             above=0,
         ),
@@ -82,8 +82,7 @@ class HeelStrikeSettings(Regimes):
     tuned_reset: Annotated[
         float | None,
         Setting(
-            "S_HR of the tuned Ranger estimator that is scored beside the agent's; None takes the best under "
-            "the kind's default levels.",
+            "S_HR of the tuned Ranger estimator; None is the best under the kind's default levels.",
             least=0,
             most=1,
         ),
@@ -98,8 +97,7 @@ class HeelStrikeSettings(Regimes):
     filterpy: Annotated[
         bool,
         Setting(
-            "Also run the reference filter, and the bank if there is one, by the library filterpy "
-            "(`error_mm_ekf_filterpy`, `error_mm_imm_filterpy`): equal, hundreds of times slower; needs "
+            "Also run the Kalman filters by the library filterpy: equal, hundreds of times slower; needs "
             "`fieldgym[filters]`.",
             fixed="it adds an entry to the info",
         ),
@@ -358,88 +356,75 @@ class HeelStrikeEnv(TaskEnv):
 
     ## Description
 
-    A pendulum stands in for the stance leg of the walking robot Ranger; it strikes the ground with its
-    heel twice a period. The robot must know the leg's angle at the strike to push off in time, and
-    estimates it from a noisy gyro, a model of the pendulum, and the geometry at each strike. The estimator
-    has three gains, eq (2.14) of A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015,
-    chapter 2:
+    A pendulum stands in for the stance leg of the walking robot Ranger; its heel strikes the ground twice a
+    period. The robot estimates the leg's angle at the strike from a noisy gyro, a model, and the geometry
+    at each strike, eq (2.14) of A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015,
+    chapter 2. The estimator's gains are
 
-    - *S_MS*, model or sensor: 0 trusts the model's acceleration alone, 1 the filtered gyro alone;
+    - *S_MS*, model or sensor: 0 uses the model's acceleration alone, 1 the filtered gyro alone;
     - *S_HR*, heel-strike reset: the share of the geometry's angle that replaces the estimate at a strike;
     - *S_FD*, the gyro filter's decay, fixed at 2/(3 dt) = 333 / s, which is best for every *S_MS*.
 
-    The source tunes them once, for noise whose size never changes. Here three sizes are hidden and switch
-    between low and high, each at a strike with probability 1/`dwell`: the process torque, the floor's
-    unevenness, and the gyro noise after a collision. The best gains follow the noise; the agent has to
-    infer it from what the robot can compute. One step is one stride, about one second or 500 samples.
+    Three noise amplitudes are hidden: the process torque, the unevenness of the floor, and the gyro noise
+    after a collision. Each switches between low and high, at a strike with probability 1/`dwell`. The best
+    gains depend on them, and the agent must infer them. One step is one stride of about 1 s. [Physics,
+    agents and results](../heel_strike.md).
 
     ## Action Space
 
-    `Box(-1, 1, (3,), float32)`: the gains for the coming stride, on a logarithmic scale. Values outside are
-    clipped; others than finite numbers are refused (`InvalidAction`).
+    `Box(-1, 1, (3,), float32)`: the gains of the coming stride, `low ** ((1 - action) / 2)`. Clipped;
+    numbers that are not finite raise `InvalidAction`. `(1, 1, 0)` is Ranger's own estimator but for its
+    filter.
 
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
-    | 0 | *S_MS* in the collision's time, the first 0.25 s (`envelope`) | 0.001 | 0.0316 | 1 |
+    | 0 | *S_MS* in the first 0.25 s (`envelope`), while the collision lasts | 0.001 | 0.0316 | 1 |
     | 1 | *S_MS* in the rest of the stride | 0.001 | 0.0316 | 1 |
     | 2 | *S_HR* of the reset at the strike that has just happened | 0.01 | 0.1 | 1 |
 
-    The gains are `low ** ((1 - action) / 2)`; `info["gains"]` holds them. `(1, 1, 0)` is Ranger's own
-    estimator but for its filter.
-
     ## Observation Space
 
-    `Box(-28, 10, (6,), float32)`: natural logarithms of squares in SI units, from a fixed extended Kalman
-    filter (angle, speed, process torque, collision noise) that runs beside the agent's estimator and is
-    given the geometric mean of each pair of noise levels. It does not depend on the actions.
+    `Box(-28, 10, (6,), float32)`: natural logarithms of squares, from an extended Kalman filter (angle,
+    speed, process torque, collision noise) that assumes the geometric mean of each pair of noise levels. It
+    does not depend on the actions. *Smoothed* is 0.7 of the last value and 0.3 of the new one.
 
-    | Num | Observation | Unit inside the log | Min | Max |
-    |-----|-------------|---------------------|-----|-----|
-    | 0 | squared innovation of the geometry's angle at the latest strike | rad² | -28 | 10 |
-    | 1 | the same, smoothed: 0.7 of the last value, 0.3 of the new one | rad² | -28 | 10 |
-    | 2 | mean squared torque estimate after the collision's time | rad²/s⁴ | -28 | 10 |
-    | 3 | the same, smoothed | rad²/s⁴ | -28 | 10 |
-    | 4 | mean squared estimate of the collision noise in its time | rad²/s² | -28 | 10 |
-    | 5 | the same, smoothed | rad²/s² | -28 | 10 |
+    | Num | Observation | Unit inside the logarithm |
+    |-----|-------------|------|
+    | 0, 1 | squared innovation of the geometry's angle at the latest strike; smoothed | rad² |
+    | 2, 3 | mean squared torque estimate after the collision; smoothed | rad²/s⁴ |
+    | 4, 5 | mean squared estimate of the collision noise while it lasts; smoothed | rad²/s² |
 
     ## Rewards
 
-    `-min(error / scale, reward_limit)`, where `error` is the absolute error of the estimated foot height
-    just before the reset of the closing strike: |θ̂ - θ| times the step length of 0.35 m. `scale` is the
-    mean error of Ranger's estimator with the best constant *S_HR* under the same collision kind, 3.5 mm
-    (`ar1`) or 0.59 mm (`low_pass`): a tuned Ranger gets about -1 a stride. It is a constant and not
-    Ranger's error in the same stride: that one is often close to zero, and the ratio unbounded.
+    `-min(error / scale, reward_limit)`. `error` is the absolute error of the estimated foot height just
+    before the reset of the closing strike: |θ̂ - θ| times the step length of 0.35 m. `scale` is the mean
+    error of Ranger's tuned estimator, 3.5 mm (`ar1`) or 0.59 mm (`low_pass`).
 
     `info` holds after each step
 
     | Key | Meaning |
     |-----|---------|
     | `error_mm` | the agent's error [mm] |
-    | `error_mm_ranger` | of Ranger's estimator as published, eq (2.2), (2.3), in the same stride [mm] |
+    | `error_mm_ranger` | of Ranger's estimator as published, eq (2.2), (2.3) [mm] |
     | `error_mm_ranger_tuned` | of Ranger's with the best constant *S_HR* [mm] |
-    | `error_mm_ekf` | of the reference filter [mm] |
-    | `error_mm_imm` | of a bank of eight filters that is given the levels (with `bank`) [mm] |
-    | `error_mm_ekf_filterpy`, `error_mm_imm_filterpy` | the same by the library (with `filterpy`) [mm] |
+    | `error_mm_ekf`, `error_mm_imm` | of the Kalman filter; of a bank of eight that knows the levels [mm] |
+    | `error_mm_ekf_filterpy`, `error_mm_imm_filterpy` | by the library [mm] |
     | `cost` | 1 if the error exceeds 3 mm, Ranger's accuracy on its long walk (section 2.3.2), else 0 |
     | `gains` | *S_MS* early, *S_MS* late, *S_HR*, *S_FD* [1/s] of the stride |
     | `duration` | of the stride [s] |
-    | `privileged.levels` ... | the hidden truth, see below |
+    | `privileged.levels`, `.previous_levels` | process, floor, collision (1 high): coming, last stride |
+    | `privileged.signed_error_mm`, `.floor_mm` | signed error; floor height error, latest strike |
 
-    Errors and cost compare with the truth: they are for scoring, no agent should act on them.
-    What begins with `privileged.` is the truth itself: `levels` of process, floor and collision
-    (0 low, 1 high) of the stride to come, `previous_levels` of the stride just made, `signed_error_mm` and
-    `floor_mm`, the floor's height error at the latest strike. After `reset` there are the levels alone.
+    Errors, cost and `privileged` are for scoring only. `reset` returns the levels alone.
 
     ## Starting State
 
-    The leg hangs straight down at 1 rad/s, all estimators know it, and each noise level is low or high with
-    equal chance. Truth and noise depend on the seed alone, never on the actions: all agents see the same
-    walk for equal seeds.
+    The leg hangs straight down at 1 rad/s, which all estimators know; each noise level is low or high with
+    equal chance. Truth and noise depend on the seed alone, never on the actions.
 
     ## Episode End
 
-    Truncated after `strides` strides. Terminated if the leg has not come to a strike within 2.5 s, which was
-    not seen without a `reality` of strong effects.
+    Truncated after `strides` strides. Terminated if no strike comes within 2.5 s.
 
     ## Arguments
 
@@ -453,36 +438,19 @@ class HeelStrikeEnv(TaskEnv):
         reality={"gyro_bias": {"rate": 0.004}},
         render_mode="rgb_array",
     )
-    gym.make_vec("fieldgym/HeelStrike-v0", num_envs=64)  # native: one kernel, same bits
+    gym.make_vec("fieldgym/HeelStrike-v0", num_envs=64)  # one kernel, same bits
     ```
 
-    - `settings`: a `HeelStrikeSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `heel_strike`, stock effects of its
-      signals, the path of an `extended.yaml` that a diagnosis wrote, or None for the nominal simulation. The
-      estimators go on believing in the nominal leg.
-    - `render_mode`: `rgb_array` (960 x 540, one frame a stride; `step_frames` gives slices of it) or
-      `human`.
-
-    `get_state` and `set_state` save and restore everything, to the bit.
+    `reality` takes effects of the model `heel_strike`, stock effects, or the path of a diagnosis's
+    `extended.yaml`; the estimators go on assuming the nominal leg. `render_mode` is `rgb_array` (960 x 540,
+    a frame a stride; `step_frames` slices it) or `human`. `get_state` and `set_state` restore to the bit.
 
     ## Matches, deviates, assumed
 
-    - **Matches** the source: pendulum of 1 m at 500 Hz by RK4 (2.11); estimator (2.14) with Euler-Cromer;
-      Ranger's estimator (2.2), (2.3); gyro noise of 0.0041 rad/s (section 2.3.1, printed there as
-      "variance"); process torque constant for 0.25 s (section 2.5.2); collision noise with a correlation of
-      0.995 that dies down within a quarter of a swing (section 2.4.3).
-    - **Collision noise**: the text (0.995 correlation, amplitude 0.5 rad/s) and Fig 2.10 (errors of 1e-3 rad)
-      contradict each other. `ar1` follows the text and gives tuned errors of about 3 mm, what section 2.3.2
-      reports of the real robot; it is the default. `low_pass` follows the figure.
-    - **Floor**: heights in [-h, h] (section 2.6.1); `floor_one_sided` draws from [0, h] as section 2.4.5
-      prints. `score="angle_and_floor"` adds the height to the error as that section words it; by default it
-      only enters the geometry's angle, as it does in a robot.
-    - **Deviates**: noise sizes are hidden and switch, and *S_MS* may differ between the collision's time and
-      the rest of the stride. With constant noise (`dwell=inf`, or equal levels) and equal *S_MS* the
-      task is the source's. Mean errors are absolute: a signed mean would be close to zero.
-    - **Assumed**: the push-off at each strike halves the difference to 1 rad/s, known to the estimators (the
-      undamped pendulum of the source goes over the top after minutes of process torque); the error
-      is taken at the first sample after the crossing; levels and dwell.
+    - **Matches**: the pendulum (2.11), the estimators (2.2), (2.3), (2.14) and the noises.
+    - **Deviates**: noise amplitudes are hidden and switch; *S_MS* may differ within a stride; mean errors
+      are absolute. With equal levels and equal *S_MS* the task is the source's.
+    - **Assumed**: the push-off at a strike halves the difference to 1 rad/s; levels; dwell.
 
     ## Version History
 

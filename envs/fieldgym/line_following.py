@@ -63,8 +63,8 @@ class LineFollowingSettings(WalkRules, Noise, Lighting):
     track: Annotated[
         str,
         Setting(
-            "`straight`, `s`, `oval`, `figure_eight`, `winding_7` (random turns, others for each number), or "
-            "the path of a CSV file with columns `x` and `y` [m], seen from the working folder.",
+            "`straight`, `s`, `oval`, `figure_eight`, `winding_7` (random turns by its number), or the "
+            "path of a CSV file with columns `x` and `y` [m].",
             fixed="all rows share its points",
         ),
     ] = "oval"
@@ -372,22 +372,21 @@ class LineFollowingEnv(TaskEnv):
 
     ## Description
 
-    The biped Ranger follows a line of black tape by itself (A. I. Chaudhry, "Topics in robot locomotion",
-    Cornell University 2015, chapter 3). A camera on its front looks at the floor about a metre ahead; its
-    firmware finds the tape's pixels in the middle third of the rows and sends their mean column, or a flag
-    if there are too few. The robot turns while its inner legs stand, so that a turn shows in the next
-    stride's direction only.
+    The biped Ranger follows black tape by itself (A. I. Chaudhry, "Topics in robot locomotion", Cornell
+    University 2015, chapter 3). A camera on its front looks at the floor about a metre ahead; its firmware
+    finds the tape's pixels in the middle third of the rows and sends their mean column, or a flag if there
+    are too few. The robot turns while its inner legs stand, so that a turn shows in the next stride's
+    direction only.
 
     One step is one stride of 0.70 m: the camera looks as the outer legs touch down; the body goes 0.35 m
-    straight on over the outer feet, and 0.35 m along the same heading over the inner feet, which turn it.
-    Each episode has a hidden steering bias.
-
-    `fieldgym/LineFollowingPixels-v1` is the same task observed as the camera's image.
+    straight on, then 0.35 m along the same heading over the inner feet, which turn it. Each episode has a
+    hidden steering bias. `fieldgym/LineFollowingPixels-v1` is the same task observed as the camera's image.
+    [Physics, agents and results](../line_following.md).
 
     ## Action Space
 
     `Box(-1, 1, (1,), float32)`: the turn of the coming stride in units of `limit`, 0.15 rad, left positive.
-    Values outside are clipped; others than finite numbers are refused (`InvalidAction`).
+    Clipped; numbers that are not finite raise `InvalidAction`.
 
     ## Observation Space
 
@@ -399,14 +398,13 @@ class LineFollowingEnv(TaskEnv):
     | 4-7 | commanded turns, newest first | `limit` |
     | 8 | 1 if the line is lost; then entry 0 is where it was seen last | - |
 
-    With `bands=2` the third of the view above the middle one is looked at too, 1.26 to 2.2 m ahead:
-    entries 9-12 are the line's places in it, 13 its lost flag.
+    `bands=2` adds the third of the view above the middle one, 1.26 to 2.2 m ahead: entries 9-12 are the
+    line's places in it, 13 its lost flag.
 
     ## Rewards
 
-    `max(1 - |d| / 0.1 m, -reward_limit) - effort_weight |change of turn| / 0.1 rad`, where `d` is the
-    distance from the line after the stride. Where an episode fails, each stride that it lacks costs
-    `reward_limit`.
+    `max(1 - |d| / 0.1 m, -reward_limit) - effort_weight |change of turn| / 0.1 rad`, with `d` the distance
+    from the line after the stride. Where an episode fails, each stride that it lacks costs `reward_limit`.
 
     `info` holds after each step
 
@@ -421,16 +419,15 @@ class LineFollowingEnv(TaskEnv):
     | `mean_offset` | mean distance since stride 15 [m]; strides that are missing count 1 m |
     | `near` | share of the strides since stride 15 within 0.10 m |
     | `overshoot` | farthest beyond the line so far, seen from the start [m] |
-    | `privileged.offset` ... | the hidden truth, see below |
+    | `privileged.offset`, `.heading` | against the line, signed [m, rad] |
+    | `privileged.curvature`, `.curvature_ahead` | of the line here and a stride ahead [1/m] |
+    | `privileged.bias` | steering bias [rad] |
 
-    Distances compare with the truth: they are for scoring, no agent should act on them.
-    What begins with `privileged.` is the truth itself: `offset` [m] and `heading` [rad] against the line
-    with their signs, the line's `curvature` [1/m] here and a stride ahead (`curvature_ahead`), and the
-    `bias` [rad].
+    Distances and `privileged` are for scoring only.
 
     ## Starting State
 
-    Up to `offset` (0.2 m) beside the line and `misalignment` (0.1 rad) askew, at the beginning of an open
+    Up to `offset` (0.2 m) from the line and `misalignment` (0.1 rad) askew, at the beginning of an open
     track or anywhere on a closed one. Noise depends on the seed alone, never on the actions.
 
     ## Episode End
@@ -450,33 +447,25 @@ class LineFollowingEnv(TaskEnv):
         reality={"steering_bias": {"turn": 0.01}},
         render_mode="rgb_array",
     )
-    gym.make_vec("fieldgym/LineFollowing-v1", num_envs=64)  # native: one kernel, same bits
+    gym.make_vec("fieldgym/LineFollowing-v1", num_envs=64)  # one kernel, same bits
     ```
 
-    - `settings`: a `LineFollowingSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `line_following`, stock effects of its
-      signals, the path of an `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
-    - `render_mode`: `rgb_array` (960 x 540, one frame a stride) or `human`.
-
-    `get_state` and `set_state` save and restore everything, to the bit.
+    `reality` takes effects of the model `line_following`, stock effects, or the path of a diagnosis's
+    `extended.yaml`. `render_mode` is `rgb_array` (960 x 540, a frame a stride) or `human`. `get_state` and
+    `set_state` restore to the bit.
 
     ## Matches, deviates, assumed
 
-    - **Matches** the source: turning while the inner legs stand, and the wait of a command given during
-      their swing (section 3.1.1); the camera's angle of 45 degrees and the middle third of its rows
-      (3.3.2, 3.5.1); threshold, centroid, flag for too few pixels (3.4.2); Duvetyne tape of two inches
-      that reads 35 beside a floor of 165 (Fig 3.13); turns of 9 m (3.6); a dark corner that loses the
-      line and thicker tape that brings it back, the robot's own shadow that draws the centroid aside (3.6).
-    - **Deviates**: images are grey unless `colour` asks for red, green and blue (tape and floor are grey,
-      Fig 3.13); the body's pitching is left out, so that the view does not move to and fro within a stride.
-    - **Assumed**, since the source is silent: that the sensor is read at the outer touchdown and that the
-      second step goes along the old heading (reading it at the inner touchdown, or going along the new
-      heading, makes the task easier); 1 m camera height, 50 degrees field of view; all noise, the bias
-      and the limit; the optics of light, pedestal and exposure.
+    - **Matches**: turning while the inner legs stand, and the wait of a command given during their swing
+      (3.1.1); camera, threshold, centroid, flag (3.3.2, 3.4.2, 3.5.1); tape and floor (Fig 3.13); turns of
+      9 m, dark corner, shadow (3.6).
+    - **Deviates**: images are grey unless `colour` is set; the body does not pitch.
+    - **Assumed**: when the sensor is read, where the second step goes; camera height, field of view; noise,
+      bias, limit; optics.
 
     ## Version History
 
-    - v1: `reward_limit` is 1 by default; with 3 a lost line costs 300, beside which PPO did not learn the S
+    - v1: `reward_limit` is 1 by default; with 3 a lost line costs 300, and PPO did not learn the S
     - v0: first version
     """
 
@@ -509,12 +498,8 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
 
     ## Description
 
-    The task of `fieldgym/LineFollowing-v1`, observed as the camera sees it. Where the centroid of one band
-    mixes up offset, heading and curvature, the image holds all three.
-
-    Two policies are published (`fieldgym list line_following_pixels`): `ppo`, convolutions on one image, and
-    `student`, which remembers where the line ran through the latest twelve images and walks closer to the
-    line on every track and in every light.
+    `fieldgym/LineFollowing-v1` observed as the camera sees it. The centroid of one band mixes offset,
+    heading and curvature; the image holds all three. [Physics, agents and results](../line_following.md).
 
     ## Action Space
 
@@ -522,10 +507,9 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
 
     ## Observation Space
 
-    `Box(0, 255, (120, 160, 1), uint8)`: the grey image, with exposure, light, shadow and noise. The body
-    sways: the camera's heading has the noise that the centroid has in the other environment. With `colour`
-    it is `Box(0, 255, (120, 160, 3), uint8)`: red, green and blue, each with its own noise, under one
-    exposure. One image a row is kept: 58 kB.
+    `Box(0, 255, (120, 160, 1), uint8)`: the grey image, with exposure, light, shadow and noise; with
+    `colour` `Box(0, 255, (120, 160, 3), uint8)`. The body sways: the camera's heading has the noise that
+    the centroid has in the other environment. One image a row is kept: 58 kB.
 
     ## Rewards
 
@@ -555,7 +539,7 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
 
     ## Version History
 
-    - v1: `reward_limit` is 1 by default; with 3 a lost line costs 300, beside which PPO did not learn the S
+    - v1: `reward_limit` is 1 by default
     - v0: first version
     """
 

@@ -232,20 +232,15 @@ class PoseReachingEnv(TaskEnv):
 
     ## Description
 
-    A robot drives forwards on a walled field of 5 x 3 m, as a small robot of the RoboCup league. The ball
-    lies at the center, the origin; the robot must reach it facing +y, "up" in the source's figures. It is
-    the unicycle of section 5.1.4 of A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015,
-    chapter 5:
-
-    - dx/dt = *v* cos θ, dy/dt = *v* sin θ, dθ/dt = *ω*, with commanded *v* and *ω*.
-
-    The source drives it by recalling the commands of remembered paths; here anything may drive it. Speed
-    and turn rate hold for one `tick` of 0.1 s; between ticks the robot drives exact arcs.
+    A robot drives forwards on a walled field of 5 x 3 m. The ball lies at the centre, the origin; the robot
+    must reach it facing +y, "up" in the source's figures. It is the unicycle of section 5.1.4 of A. I.
+    Chaudhry, "Topics in robot locomotion", Cornell University 2015, chapter 5: dx/dt = *v* cos θ, dy/dt =
+    *v* sin θ, dθ/dt = *ω*, with commanded *v* and *ω*. Both hold for one `tick` of 0.1 s, in which the
+    robot drives an exact arc. [Physics, agents and results](../pose_reaching.md).
 
     ## Action Space
 
-    `Box(-1, 1, (2,), float32)`. Values outside are clipped; others than finite numbers are refused
-    (`InvalidAction`).
+    `Box(-1, 1, (2,), float32)`. Clipped; numbers that are not finite raise `InvalidAction`.
 
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
@@ -253,9 +248,8 @@ class PoseReachingEnv(TaskEnv):
     | 1 | turn rate *ω* | -4 rad/s, to the right | 0 | 4 rad/s, to the left (`max_rate`) |
 
     With `drive="omnidirectional"`, as the source's robots are built (section 5.3.1), `Box(-1, 1, (3,),
-    float32)`: 0 is the speed forwards from -1 to 1 m/s, 2 the speed to the left, likewise; a velocity
-    longer than `max_speed` is shortened to it. The robot drives d(x, y)/dt = *v* (cos θ, sin θ) +
-    *u* (-sin θ, cos θ).
+    float32)`: 0 is the speed forwards from -1 to 1 m/s, 2 the speed *u* to the left, likewise; a velocity
+    longer than `max_speed` is shortened to it. d(x, y)/dt = *v* (cos θ, sin θ) + *u* (-sin θ, cos θ).
 
     ## Observation Space
 
@@ -265,35 +259,33 @@ class PoseReachingEnv(TaskEnv):
     |-----|-------------|------|-----|-----|
     | 0 | x, the ball at 0 | m | -2.5 | 2.5 |
     | 1 | y | m | -1.5 | 1.5 |
-    | 2 | cosine of the heading θ, counter-clockwise from +x | 1 | -1 | 1 |
-    | 3 | sine of the heading | 1 | -1 | 1 |
+    | 2, 3 | cosine and sine of the heading θ, counter-clockwise from +x | 1 | -1 | 1 |
     | 4 | natural logarithm of the distance to the ball, from 1 mm | log m | -7 | 2 |
-    | 5 | cosine of the angle from the heading to the ball | 1 | -1 | 1 |
-    | 6 | sine of the same, positive where the ball is to the left | 1 | -1 | 1 |
+    | 5, 6 | cosine and sine of the angle from the heading to the ball, left positive | 1 | -1 | 1 |
 
     ## Rewards
 
     `success_reward` on arrival, less `time_cost` a second, plus `progress_reward` for each metre by which
-    the distance to the ball has become shorter, less `wall_cost` each time the robot drives into a wall.
-    Progress is a potential's difference: its sum over an episode depends on the first and last pose only,
-    so among paths that arrive the quickest is still the best.
+    the distance to the ball has become shorter (a potential's difference), less `wall_cost` each time the
+    robot drives into a wall.
 
     `info` holds after each step, and after `reset`
 
     | Key | Meaning |
     |-----|---------|
     | `success` | 1 if the robot has just arrived, else 0 |
-    | `time` | since the start of the episode [s]; ends with the instant of arrival |
+    | `time` | since the start of the episode, up to the instant of arrival [s] |
     | `path_length` | driven since then [m] |
     | `dubins_length` | of the shortest path from start to goal pose with turns of 0.3 m, without walls [m] |
     | `dubins_time` | the time that it takes at `max_speed` [s] |
     | `wall_hits` | how often the robot has driven into a wall |
     | `pose` | x, y [m] and heading [rad], what the observation is made of |
-    | `privileged.pose` | the same as it is, which differs where a `reality` has a faulty sensor |
+    | `privileged.pose` | the true pose, which differs where a `reality` has a faulty sensor |
 
     ## Starting State
 
     Drawn by `starts`; one in the goal itself is drawn anew. Starts depend on the seed alone.
+    `reset(options={"pose": (x, y, heading)})` starts there instead.
 
     | Starts | Position | Heading |
     |--------|----------|---------|
@@ -301,14 +293,11 @@ class PoseReachingEnv(TaskEnv):
     | `T2` | both halves, the same distances | up to 45 deg off the ball |
     | `T3` | anywhere in the field | any |
 
-    `reset(options={"pose": (x, y, heading)})` starts there instead.
-
     ## Episode End
 
-    Terminated when the robot arrives: at one instant within 5 cm of the ball and 10 deg of the heading +y
-    (`success="loose"`: 10 cm and 15 deg). Instants are at most 10 ms apart, whatever the tick; the
-    episode's last pose is the one at that instant. Truncated after `timeout`. A wall does not end an
-    episode.
+    Terminated when the robot is, at one instant, within 5 cm of the ball and 10 deg of the heading +y
+    (`success="loose"`: 10 cm and 15 deg). Instants are at most 10 ms apart, whatever the tick. Truncated
+    after `timeout`. A wall does not end an episode.
 
     ## Arguments
 
@@ -322,31 +311,22 @@ class PoseReachingEnv(TaskEnv):
         reality={"actuator_lag": {"time_constant": 0.1}},
         render_mode="rgb_array",
     )
-    gym.make_vec("fieldgym/PoseReaching-v0", num_envs=1024)  # native: one kernel, same bits
+    gym.make_vec("fieldgym/PoseReaching-v0", num_envs=1024)  # one kernel, same bits
     ```
 
-    - `settings`: a `PoseReachingSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `pose_reaching`, stock effects of its
-      signals, the path of an `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
-    - `render_mode`: `rgb_array` (960 x 540) or `human`. `show(memory=..., chosen=...)` of the unwrapped
-      environment has an agent's remembered paths, and the state it acts on, drawn beside the task.
-
-    `get_state` and `set_state` save and restore everything, to the bit.
+    `reality` takes effects of the model `pose_reaching`, stock effects, or the path of a diagnosis's
+    `extended.yaml`. `render_mode` is `rgb_array` (960 x 540) or `human`; `unwrapped.show(memory=...,
+    chosen=...)` also draws an agent's remembered paths and the state that it acts on. `get_state` and
+    `set_state` restore to the bit.
 
     ## Matches, deviates, assumed
 
-    - **Matches** the source: kinematics (section 5.1.4); a field of 5 x 3 m with the ball at its center
-      (section 5.3.2); arrival facing up, ψ_f of 90 deg (Fig 5.1); the starts `T1`, on the right side and
-      facing the ball (section 5.3.2).
-    - **Deviates**: the source gives its method distance, heading and heading offset, in coordinates at the
-      ball; here the observation has more than one needs. Its command *ω* is called a velocity rotation
-      and then behaves like a direction; here it is a turn rate.
-    - **Omnidirectional**: the source's robots "were made to behave in a kinematic unicycle manner"; what
-      they can do otherwise is an option. In a `reality` its sideways drive is a third rim, with the same
-      gain, dead zone, saturation, delay, lag and rate limit; stock effects act on `speed` and
-      `turn_rate` alone. `dubins_length` stays the unicycle's, as a yardstick.
-    - **Assumed**: limits of speed and turn rate; when the robot has arrived (the source shows pictures, no
-      numbers); walls at the field's edges; the robot as a point; starts `T2`, `T3`; tick, timeout, reward.
+    - **Matches**: kinematics (5.1.4), field, ball and starts `T1` (5.3.2), arrival facing up (Fig 5.1).
+    - **Deviates**: the observation has more than the source's distance, heading and heading offset; *ω* is
+      a turn rate. With the omnidirectional drive stock effects act on `speed` and `turn_rate` alone, and
+      `dubins_length` stays the unicycle's.
+    - **Assumed**: limits of speed and turn rate; what counts as arrival; walls; the robot as a point; `T2`,
+      `T3`; tick, timeout, reward.
 
     ## Version History
 

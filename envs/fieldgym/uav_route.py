@@ -124,9 +124,8 @@ class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
     layout: Annotated[
         Literal["random", "example"] | UavLayout,
         Setting(
-            "`random` draws start, goal and radars for each episode, so that an undetected route of two legs "
-            "exists; `example` is the source's; or a mapping of `start`, `goal` and `radars`, each north and "
-            "east [km], and of `others`, a list of `start` and `goal` of each further aircraft.",
+            "`random`, the source's `example`, or a mapping of `start`, `goal` and `radars`, each north "
+            "and east [km], and of `others`, a list of `start` and `goal` of each further aircraft.",
             fixed="its radars shape the observation",
         ),
     ] = "random"
@@ -135,10 +134,7 @@ class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
     ] = True
     reading: Annotated[
         Literal["right", "printed"],
-        Setting(
-            "The source's equations as they should be (`right`) or as `printed`, but for the heading, which "
-            "is that of the leg being flown in both."
-        ),
+        Setting("The source's equations as they should be (`right`) or as `printed`, but for the heading."),
     ] = "right"
 
     @property
@@ -462,48 +458,41 @@ class UavRouteEnv(TaskEnv):
     ## Description
 
     An aircraft flies at a fixed height from waypoint to waypoint (A. I. Chaudhry, "Topics in robot
-    locomotion", Cornell University 2015, chapter 4). A radar detects it by range and by the signature that
-    it shows: next to nothing within 30 degrees of nose and tail, much from its sides, most when it banks in a
-    turn. Where it is detected for long enough, a missile is launched and hits; where it hides for long
-    enough, the radar loses its lock (figure 4.2).
+    locomotion", Cornell University 2015, chapter 4). A radar detects it by range and signature: next to
+    nothing within 30 degrees of nose and tail, much from its sides, most when it banks in a turn. Detected
+    for long enough, it is hit by a missile; hidden for long enough, it breaks the radar's lock (figure
+    4.2).
 
-    One step is one leg: straight, at 0.25 km/s, banked at its beginning for the time that the turn takes.
-    The radars scan every 5 s at most.
+    One step is one straight leg at 0.25 km/s, banked at its beginning while it turns. The radars scan every
+    5 s at most. [Physics, planners and results](../uav_route.md).
 
     ### Several aircraft
 
-    With `aircraft` above 1 all of them fly at once under the same radars, each from its own start to its own
-    goal. A step ends when the first leg does: at its waypoint, at the goal, or by a hit. The others are then
-    still on their legs and fly on in the next step, whatever their action says: every leg is flown whole.
-    Actions and observations are those of each aircraft in turn, one after the other.
+    With `aircraft` above 1 all fly at once, each from its own start to its own goal. A step ends when the
+    first leg does; the others fly their legs on, whatever their action says. Actions and observations are
+    those of each aircraft in turn.
 
-    - `tracking="each"`: every radar follows each aircraft by itself, with timers of its own. Nothing couples
-      them, as in the source's joint program: each flies as it would alone.
-    - `tracking="one"`: a radar has one state, as in figure 4.2. A free one locks on the aircraft that it
-      detects with the largest probability and overlooks all others until that lock is lost, or that flight
-      is over. What it overlooks it neither detects nor engages.
+    - `tracking="each"`: every radar follows each aircraft with timers of its own. Nothing couples them.
+    - `tracking="one"`: a free radar locks on the aircraft that it detects with the largest probability, and
+      ignores the others until that lock is lost or that flight is over (figure 4.2).
 
-    Aircraft do not collide. Stock effects of signals act on a single aircraft only; effects of the model on
-    all alike.
+    Aircraft do not collide. Stock effects of signals act on a single aircraft only.
 
     ## Action Space
 
-    `Box(-1, 1, (2,), float32)`. Values outside are clipped; others than finite numbers are refused
-    (`InvalidAction`).
+    `Box(-1, 1, (2,), float32)`; several aircraft: `(2 aircraft,)`. Clipped; numbers that are not finite
+    raise `InvalidAction`.
 
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
-    | 0 | heading, from the bearing of the nearest radar | away from it | at it | away from it |
-    | 1 | length of the leg | 2.5 km (`least_leg`) | 35 km | 500 km (`longest_leg`) |
+    | 0 | heading from the nearest radar's bearing, units of pi, right positive | away | at it | away |
+    | 1 | length of the leg, geometric | 2.5 km (`least_leg`) | 35 km | 500 km (`longest_leg`) |
 
-    Headings are in units of pi, positive to the right of the radar; lengths are a geometric scale.
-    `fieldgym.uav_route.actions_towards` gives the actions that fly to waypoints on the map. Several aircraft:
-    `Box(-1, 1, (2 aircraft,), float32)`.
+    `fieldgym.uav_route.actions_towards` gives the actions that fly to waypoints on the map.
 
     ## Observation Space
 
-    `Box(-100, 100, (8 + 9 radars,), float32)`, in the frame of the nearest radar's bearing, so that a map
-    that is turned looks the same.
+    `Box(-100, 100, (8 + 9 radars,), float32)`, in the frame of the nearest radar's bearing.
 
     | Num | Observation | Unit |
     |-----|-------------|------|
@@ -522,67 +511,61 @@ class UavRouteEnv(TaskEnv):
     | 13-15 | lock-loss, engage and launch timer | their thresholds, at most 1 |
     | 16 | 1 if it detected the aircraft when it scanned last | 1 |
 
-    Of several aircraft, `Box(-100, 100, (aircraft * (10 + 10 radars),), float32)`: for each of them the
-    columns above, and then what is left of its leg (100 km; 0 if its action counts), 1 while it flies, and
-    for each radar, the nearest first, 1 if it follows another aircraft.
+    Several aircraft, `(aircraft * (10 + 10 radars),)`: for each the columns above, what is left of its leg
+    (100 km), 1 while it flies, and for each radar 1 if it follows another.
 
     ## Rewards
 
-    `-length_cost` a kilometre flown, `progress_reward` a kilometre by which the goal has come nearer,
-    `arrival_reward` at the goal, `-damage_cost` for a hit, `-late_cost` where no leg is left; by default 0:
-    `-detection_cost` a second of being detected, `-sighting_cost` a leg on which it happens. Progress is a
-    potential's difference: its sum over an episode depends on the first and last place only. Of several
-    aircraft it is the sum over all; `-sighting_cost` then counts steps, and one that is over earns nothing.
+    The sum of
+
+    | Setting | Counts |
+    |---|---|
+    | `-length_cost` | a kilometre flown |
+    | `progress_reward` | a kilometre by which the goal has come nearer (a potential's difference) |
+    | `arrival_reward` | arrival at the goal |
+    | `-damage_cost` | a hit |
+    | `-late_cost` | no leg left |
+    | `-detection_cost`, `-sighting_cost` | a detected second; a leg with a detection (default 0) |
+
+    Of several aircraft it is the sum; `-sighting_cost` then counts steps.
 
     `info` holds after each step, and after `reset`
 
     | Key | Meaning |
     |-----|---------|
-    | `success` | 1 if the aircraft has just arrived, else 0 |
-    | `damaged` | 1 if it has just been hit, else 0 |
+    | `success`, `damaged` | 1 if the aircraft has just arrived, just been hit |
     | `time` | since the start [s] |
-    | `path_length` | flown since then [km] |
-    | `remaining` | distance to the goal [km] |
+    | `path_length`, `remaining` | flown since then; distance to the goal [km] |
     | `time_over` | time in which any radar detected it [s] |
     | `longest_detection` | longest time without a break in which one radar did [s] |
     | `largest_probability` | largest probability of detection that a radar's scan has had |
     | `lock_losses` | how often an engaged radar lost its lock |
     | `legs` | flown |
     | `place` | north and east as the aircraft measures it [km] |
-    | `course` | of the last leg, clockwise from north [rad] |
-    | `radial` | bearing of the nearest radar, to which headings are relative [rad] |
+    | `course`, `radial` | of the last leg, clockwise from north; bearing of the nearest radar [rad] |
     | `timers` | lock-loss, engage and launch timer of each radar [s], shape (radars, 3) |
     | `detected` | 1 for each radar that detected the aircraft when it scanned last, shape (radars,) |
-    | `layout.start`, `layout.goal` | north and east [km], shape (2,) |
-    | `layout.radars` | likewise, shape (radars, 2) |
+    | `layout.start`, `layout.goal`, `layout.radars` | north and east [km], shapes (2,), (2,), (radars, 2) |
     | `privileged.place` | where it is, which differs where a `reality` has a faulty sensor [km] |
 
-    Of several aircraft, `success` is 1 if all have arrived, `damaged` if one is hit, `time`,
-    `longest_detection` and `largest_probability` are the largest, the other numbers sums; `place`, `course`,
-    `radial`, `timers`, `detected`, `start` and `goal` have an axis of aircraft before their own, and besides
-
-    | Key | Meaning |
-    |-----|---------|
-    | `each.success` ... | the numbers from `success` to `legs` of each aircraft, shape (aircraft,) |
-    | `leg_left` | what is left of each one's leg, shape (aircraft,) [km] |
-    | `tracked` | which aircraft each radar follows, -1 for none (`each`: always), shape (radars,) |
+    Of several aircraft, `success` is 1 if all have arrived, `damaged` if one is hit; `time`,
+    `longest_detection` and `largest_probability` are the largest, other numbers sums; arrays have an axis
+    of aircraft first. `each.success` and so on are those of each, `leg_left` is what is left of its leg
+    [km], `tracked` whom each radar follows (-1 for none).
 
     ## Starting State
 
-    With `layout="random"` one radar stands in the middle of the map; the start lies 1 to 30 % outside the
-    circle within which it detects an aircraft from the side, the goal mostly inside (0.69 to 0.995 of it),
-    up to 60 degrees aside. Further radars leave a route of two legs undetected: no layout is hopeless.
-    `layout="example"` is section 4.5.1's: from (350, 125) to (340, 0) km, the radar at (0, 0). Layouts and
-    the luck of drawn scans depend on the seed alone, never on the actions. The first of several aircraft has
-    the start, goal and luck of a single one; further ones have each a start and goal drawn likewise, with an
-    undetected route of two legs past the same radars. The example's second one starts at (-350, 125), and
-    its goal mirrors the first one's.
+    `layout="random"`: one radar in the middle of the map; the start 1 to 30 % outside the circle within
+    which it detects an aircraft from the side, the goal mostly inside (0.69 to 0.995 of it), up to 60
+    degrees aside. Further radars leave a route of two legs undetected. `layout="example"` is section
+    4.5.1's: from (350, 125) to (340, 0) km, the radar at (0, 0). Layouts and drawn scans depend on the seed
+    alone. Further aircraft have starts and goals drawn likewise; the example's second starts at (-350,
+    125), its goal mirrored.
 
     ## Episode End
 
-    Terminated on arrival (within `capture`, 5 km, of the goal, anywhere along a leg), when a missile hits,
-    or when no leg is left of `max_legs`, 60: they are observed and their end is charged. Never truncated.
-    With several aircraft, each has its own `max_legs`, and the episode ends when the last flight is over.
+    Terminated within `capture` (5 km) of the goal, by a hit, or when none of `max_legs` (60) is left; never
+    truncated. Several aircraft: when the last flight is over.
 
     ## Arguments
 
@@ -596,30 +579,21 @@ class UavRouteEnv(TaskEnv):
         reality={"wind": {"north": 20.0, "east": 0.0}},
         render_mode="rgb_array",
     )
-    gym.make_vec("fieldgym/UavRoute-v1", num_envs=1024)  # native: one kernel, same bits
+    gym.make_vec("fieldgym/UavRoute-v1", num_envs=1024)  # one kernel, same bits
     ```
 
-    - `settings`: a `UavRouteSettings` or a mapping of some of its fields; unknown keys are refused.
-    - `reality`: what the simulation truly is: effects of the model `uav_route`, stock effects of its
-      signals, the path of an `extended.yaml` that a diagnosis wrote, or None for the nominal simulation.
-    - `render_mode`: `rgb_array` (960 x 540, one frame a leg) or `human`. `show(plan=...)` of the unwrapped
-      environment has an agent's plan drawn beside the task.
-
-    `get_state` and `set_state` save and restore everything, to the bit.
+    `reality` takes effects of the model `uav_route`, stock effects, or the path of a diagnosis's
+    `extended.yaml`. `render_mode` is `rgb_array` (960 x 540, a frame a leg) or `human`;
+    `unwrapped.show(plan=...)` also draws an agent's plan. `get_state` and `set_state` restore to the bit.
 
     ## Matches, deviates, assumed
 
-    - **Matches** the source: aircraft and turns (4.1)-(4.2); signature (Table 4.1) and detection (Table 4.2);
-      the timers of (4.3)-(4.7); the example (section 4.5.1); detection above a threshold as its planner has
-      it (4.18), drawn scans as its simulation has them (section 4.2.2).
-    - **Deviates** where the source is wrong: a turn's side, the clamp of (4.2), axes, drawn scans, timers in
-      seconds; `reading="printed"` is the source's. Its heading (4.1), that of the next leg, cannot be
-      flown leg by leg. Legs have any length; its planner has steps of 50 s.
-    - **Several aircraft**: the source says of two only how large their joint program is (section 4.5.1), in
-      which each is detected by itself; that a radar follows one is a reading of figure 4.2.
-    - **Assumed**, since the source is silent: speed, height, linear interpolation in Table 4.2 (in
-      logarithms, which physics prefers, the example's own start would be detected side-on), the lock-loss
-      thresholds (they mirror its four steps), scan interval, capture radius, layouts, number of legs, reward.
+    - **Matches**: aircraft and turns (4.1)-(4.2); Tables 4.1 and 4.2; timers (4.3)-(4.7); the example
+      (4.5.1); certain (4.18) and drawn (4.2.2) detection.
+    - **Deviates**: where the source is wrong (`reading="printed"` is the source's, but for the heading,
+      which cannot be flown leg by leg). Legs have any length, not steps of 50 s.
+    - **Assumed**: speed, height, interpolation, thresholds, scan interval, capture radius, layouts, number
+      of legs, reward; `tracking="one"`.
 
     ## Version History
 

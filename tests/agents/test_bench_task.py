@@ -108,7 +108,7 @@ def test_a_python_file_is_run_only_if_the_command_line_names_it(write, capsys):
     assert "this file was run" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("task", "message"),
     [("pendulm", "did you mean 'pendulum'"), ("differential_drive", "no Machine"), ("no.yaml", "no.yaml")],
 )

@@ -89,7 +89,7 @@ def test_all_mistakes_are_reported_at_once_with_their_lines(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("override", "message"),
     [
         ("count=abc", "--set count=abc: count: Input should be a valid integer"),
@@ -114,7 +114,7 @@ def test_wrong_overrides_are_reported_together(tmp_path):
     assert len(problems(write(tmp_path, GOOD), "count=abc", "=1", "inner.rate=no")) == 3
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("text", "message"),
     [
         ("", "must be a mapping"),

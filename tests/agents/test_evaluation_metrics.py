@@ -28,9 +28,7 @@ def tallied(metric: Metric, **entries: list[list[float]]) -> list[float]:
     return tally.result(STEPS).tolist()
 
 
-@pytest.mark.parametrize(
-    ("over", "expected"), [("mean", [3.0, 5.0]), ("sum", [9.0, 5.0]), ("last", [6.0, 5.0])]
-)
+@pytest.mark.every(("over", "expected"), [("mean", [3.0, 5.0]), ("sum", [9.0, 5.0]), ("last", [6.0, 5.0])])
 def test_an_episode_is_made_of_its_own_steps(over, expected):
     assert tallied(Metric("x", "m", "", "x", over=over), x=[[1, 5], [2, 99], [6, 99]]) == expected
 

@@ -26,7 +26,7 @@ def drawn(rng, runs, episodes, spread_of_runs, mean=0.0, common=None):
     return mean + run + episode + rng.normal(0, 0.3, (runs, episodes))
 
 
-@pytest.mark.parametrize(("runs", "spread"), [(5, 0.2), (5, 0.02), (10, 0.2)])
+@pytest.mark.every(("runs", "spread"), [(5, 0.2), (5, 0.02), (10, 0.2)])
 def test_the_interval_over_runs_and_episodes_covers_the_mean_of_the_algorithm(runs, spread):
     """Of 1000 intervals (standard error 0.7 %) the promised 95 % hold the true difference, within 3 %."""
     rng = np.random.default_rng(1)

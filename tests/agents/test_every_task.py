@@ -16,7 +16,7 @@ from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import TaskError, get_task, task_names
 
-every_task = pytest.mark.parametrize("task", task_names())
+every_task = pytest.mark.every("task", task_names())
 
 
 class Constant(Agent):

@@ -157,13 +157,13 @@ def problems(**data):
     return error.value.problems
 
 
-@pytest.mark.parametrize("name", ["Pendulum-v1", CART, "theirs_for_test:NoVersion", "a/B-v0", "m:a/B-v0"])
+@pytest.mark.every("name", ["Pendulum-v1", CART, "theirs_for_test:NoVersion", "a/B-v0", "m:a/B-v0"])
 def test_names_of_environments_of_others(name):
     assert is_foreign(name)
     assert find_task(name).env_id == name
 
 
-@pytest.mark.parametrize("name", ["pendulum", "heel_strike", "cart.py", "cart.py:Cart", "extended.yaml"])
+@pytest.mark.every("name", ["pendulum", "heel_strike", "cart.py", "cart.py:Cart", "extended.yaml"])
 def test_names_that_are_not(name):
     assert not is_foreign(name)
 
@@ -382,7 +382,7 @@ def test_the_config_of_the_docs_is_trained_and_evaluated(tmp_path):
     assert set(pd.read_parquet(tmp_path / "out" / "episodes.parquet")["steps"]) == {100}
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("change", "place", "message"),
     [
         ({"task": "Pendulum-v9"}, "task", "it provides versioned environments"),

@@ -97,7 +97,7 @@ def test_a_run_begins_from_the_zoo():
     np.testing.assert_allclose(scores[0]["path_length"], scores[1]["path_length"], rtol=1e-5)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("keys", "message"),
     [
         ({"seed": 7}, "begin: uav_route/ppo_unseen/no_lock_loss has no run of seed 7"),
@@ -131,7 +131,7 @@ def test_rollouts_shorter_than_an_episode_are_refused():
         learner.learn(12)
 
 
-@pytest.mark.parametrize("branches", [1, 5])
+@pytest.mark.every("branches", [1, 5])
 def test_groups_that_do_not_fit_are_refused(branches):
     from fieldagents.learned.branching import BranchingPPO
 

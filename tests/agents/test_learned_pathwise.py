@@ -39,7 +39,7 @@ def played(env, seed, actions):
     return np.array(observations[:-1]).swapaxes(0, 1), returns
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=["ar1", "low_pass"])
+@pytest.mark.every("settings", SETTINGS)
 def test_recorded_walks_give_the_environments_observations_returns_and_their_slopes(settings):
     """Against the environment itself, each action moved a little both ways."""
     size = STRIDES * 3

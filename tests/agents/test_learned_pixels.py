@@ -97,8 +97,8 @@ def test_a_killed_run_on_images_resumes_bit_for_bit(tiny, tmp_path, monkeypatch)
         assert (tmp_path / "run" / name).read_bytes() == (finished / name).read_bytes()
 
 
-@pytest.mark.parametrize(("light", "colour"), [(1.0, False), (0.3, False), (1.0, True)])
-@pytest.mark.parametrize(("offset", "heading"), [(0.0, 0.0), (0.12, -0.2), (-0.25, 0.1)])
+@pytest.mark.every(("light", "colour"), [(1.0, False), (0.3, False), (1.0, True)])
+@pytest.mark.every(("offset", "heading"), [(0.0, 0.0), (0.12, -0.2), (-0.25, 0.1)])
 def test_the_course_of_a_line_is_where_a_pinhole_camera_sees_it(offset, heading, light, colour):
     """Of a straight line, whose picture is straight, as plane geometry has it."""
     camera = Camera()

@@ -186,7 +186,7 @@ MEMORIES = (
 )
 
 
-@pytest.mark.parametrize("memory", MEMORIES, ids=str)
+@pytest.mark.every("memory", MEMORIES)
 def test_policies_with_a_memory_are_told_too(memory, tmp_path):
     made = train(TrainConfig(**{**CONFIG, **memory}), progress=False, out=tmp_path / "run")
     policy = OnnxAgent(made / "policy.onnx")
@@ -207,7 +207,7 @@ def test_a_run_that_was_paused_ends_as_one_that_was_not(run, tmp_path):
         assert (tmp_path / name).read_bytes() == (run / name).read_bytes()
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("wrong", "message"),
     [
         ({"environment": {"reality": {"turn_gain": {"gain": 0.8}}}}, "is drawn by a sampler"),

@@ -365,7 +365,7 @@ def last_layer(policy):
     return actor.mu if isinstance(actor.mu, torch.nn.Linear) else actor.mu[-2]
 
 
-@pytest.mark.parametrize("kind", ["PPO", "SAC"])
+@pytest.mark.every("kind", ["PPO", "SAC"])
 def test_onnx_keeps_other_limits_and_shapes(kind):
     """Actions between limits of their own; observations in two dimensions; normalisation that clips."""
     import gymnasium

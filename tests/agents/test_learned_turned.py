@@ -144,7 +144,7 @@ def test_on_a_turned_map_with_turned_faults_a_told_policy_flies_the_same_way(run
         assert one[name] == pytest.approx(other[name], rel=1e-4)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     "wind",
     [
         {"north": REALITY["wind"]["north"]},

@@ -146,7 +146,7 @@ def test_a_policy_forgets_where_an_episode_begins(tmp_path):
     np.testing.assert_array_equal(8 * agent.act(seen[:2], {})[:, 0], [1, 1])
 
 
-@pytest.mark.parametrize("kind", ["PPO", "SAC", "RecurrentPPO"])
+@pytest.mark.every("kind", ["PPO", "SAC", "RecurrentPPO"])
 def test_a_zip_of_stable_baselines_acts_if_it_is_trusted(tmp_path, kind):
     sb3 = pytest.importorskip("stable_baselines3")
     contrib = pytest.importorskip("sb3_contrib")

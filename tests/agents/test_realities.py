@@ -155,7 +155,7 @@ def test_a_command_draws_records_diagnoses_tunes_and_tests(tmp_path):
     assert len(list(out.glob("jobs/*/result.json"))) == 3
 
 
-@pytest.mark.parametrize("nothing", ["consistent", "unknown", "too short"])
+@pytest.mark.every("nothing", ["consistent", "unknown", "too short"])
 def test_what_the_diagnosis_does_not_name_is_not_won_back(nothing, tmp_path, monkeypatch):
     """The nominal agent stays, to the bit, and the loss counts."""
 
@@ -195,7 +195,7 @@ def run(*arguments):
     return result.stdout
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.parent.name)
+@pytest.mark.every("path", SHIPPED)
 def test_shipped_configs_load_and_publish_test_seeds(path):
     config = load_config(path, RealitiesConfig)
     assert config.task == path.parent.name

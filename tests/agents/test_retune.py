@@ -223,7 +223,7 @@ def test_without_a_hidden_reality_the_extended_simulation_says_that_it_is_a_fore
     assert json.loads((tmp_path / "retune.json").read_text())["hidden_known"] is False
 
 
-@pytest.mark.parametrize("verdict", ["consistent", "unknown"])
+@pytest.mark.every("verdict", ["consistent", "unknown"])
 def test_nothing_to_retune_with(verdict, tmp_path):
     ended = finish(
         SimpleNamespace(verdict=verdict, curve_effects={}),
@@ -237,7 +237,7 @@ def test_nothing_to_retune_with(verdict, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.parent.name)
+@pytest.mark.every("path", SHIPPED)
 def test_shipped_loops_load(path):
     load_loop(path, get_model(load_config(path, RetuneConfig).task))
 

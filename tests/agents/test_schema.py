@@ -27,14 +27,14 @@ def problems(kind: str, data: object) -> list[str]:
     return [f"{'.'.join(map(str, one.path))}: {one.message}" for one in validator.iter_errors(data)]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.every("kind", KINDS)
 def test_the_shipped_schema_is_current(kind):
     """Renew with ``python -m fieldagents.schema``."""
     jsonschema.Draft202012Validator.check_schema(schema(kind))
     assert json.loads((CONFIGS / "schema" / f"{kind}.json").read_text()) == schema(kind)
 
 
-@pytest.mark.parametrize("path", FILES, ids=[str(p.relative_to(CONFIGS)) for p in FILES])
+@pytest.mark.every("path", FILES)
 def test_every_shipped_config_fits_the_schema_that_it_names(path):
     kind = kind_of(path) or "train"
     assert problems(kind, load_yaml(path)) == []

@@ -186,12 +186,12 @@ def test_sigterm_keeps_a_checkpoint_and_says_how_to_go_on(tmp_path):
     assert max(steps) == int(curve.read_text().splitlines()[-1].split(",")[0])  # the very last round
 
 
-@pytest.mark.parametrize("name", [f"{p.parent.name}/{p.stem}" for p in sorted(CONFIGS.glob("*/sweep.yaml"))])
+@pytest.mark.every("name", [f"{p.parent.name}/{p.stem}" for p in sorted(CONFIGS.glob("*/sweep.yaml"))])
 def test_shipped_grids_load(name):
     assert len(load_config(Path(name), SweepConfig).runs) >= 10
 
 
-@pytest.mark.parametrize("name", [f"{p.parent.name}/{p.stem}" for p in sorted(CONFIGS.glob("*/tune.yaml"))])
+@pytest.mark.every("name", [f"{p.parent.name}/{p.stem}" for p in sorted(CONFIGS.glob("*/tune.yaml"))])
 def test_shipped_searches_load(name):
     config = load_config(Path(name), TuneConfig)
     for study in config.studies.values():
@@ -199,7 +199,7 @@ def test_shipped_searches_load(name):
             assert config.budget >= 8 * changed(study.train, study.change).steps
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("text", "words"),
     [
         ("train: [heel_strike/ppo]\ngrid: {learner.gama: [0.5]}", "unknown key (did you mean 'gamma'?)"),

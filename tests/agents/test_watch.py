@@ -29,7 +29,7 @@ def run(*arguments: object):
     return CliRunner().invoke(app, ["watch", *map(str, arguments)])
 
 
-@pytest.mark.parametrize("agent", ["oracle_gains", "ppo"])
+@pytest.mark.every("agent", ["oracle_gains", "ppo"])
 def test_a_film_shows_the_episode_that_is_scored(tmp_path, agent):
     seen = watch("heel_strike", agent, SHORT, seed=5, film=tmp_path / "walk.gif")
     scored = run_episodes(
@@ -102,7 +102,7 @@ def test_the_command_prints_what_was_seen(tmp_path):
     assert (tmp_path / "w.gif").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("agent", "film", "message"),
     [
         ("gated_tuned", "walk.avi", r"walk\.avi: a film ends in \.gif, \.webp or \.mp4"),
@@ -165,7 +165,7 @@ def test_an_operator_takes_over_by_keyboard(monkeypatch):
     assert commands[5] not in (0.25, 0.5, 0.75, 1.0)  # the robot steers again at once
 
 
-@pytest.mark.parametrize("agent", ["tuned", "lqg"])
+@pytest.mark.every("agent", ["tuned", "lqg"])
 def test_agents_know_what_the_operator_did(monkeypatch, agent):
     """On images an agent keeps its own account of commands; after a take-over it is the true one."""
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")

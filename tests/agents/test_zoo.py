@@ -1,8 +1,6 @@
 """The trained policies that come with the package: their cards tell the truth."""
 
 import hashlib
-import importlib.util
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -57,7 +55,7 @@ def test_a_policy_scores_again_what_its_card_says(training, run):
         assert result[name].mean() == expected, name
 
 
-@pytest.mark.parametrize("training", TRAININGS, ids=str)
+@pytest.mark.every("training", TRAININGS)
 def test_a_card_holds_the_whole_config_and_the_curve_of_every_run(training):
     card = training.card
     config = TrainConfig(**card["config"], seed=training.seeds[0])
@@ -76,7 +74,7 @@ def test_a_card_holds_the_whole_config_and_the_curve_of_every_run(training):
         assert chosen_by[run["best_steps"]] == chosen_by.max()
 
 
-@pytest.mark.parametrize("training", [one for one in TRAININGS if one.task == "heel_strike"], ids=str)
+@pytest.mark.every("training", [one for one in TRAININGS if one.task == "heel_strike"])
 def test_every_run_beats_the_best_fixed_gains_on_the_same_strides(training):
     environment = EnvironmentConfig(**training.card["config"]["environment"])
     fixed = get_task(training.task).agents["gated_tuned"].make(environment.settings)
@@ -126,16 +124,6 @@ def test_a_damaged_card_is_named(tmp_path):
         card.write_text(text)
         with pytest.raises(ZooError, match=r"card\.json: not the card"):
             list_zoo(folder=tmp_path)
-
-
-def test_the_table_of_the_page_on_training_is_current():
-    """Renew with ``python docs/curves.py``."""
-    folder = Path(__file__).parents[2] / "docs"
-    spec = importlib.util.spec_from_file_location("docs_curves", folder / "curves.py")
-    curves = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(curves)
-    text = (folder / "training.md").read_text()
-    assert curves.page(text) == text
 
 
 def test_a_setting_that_a_training_drew_is_no_difference():

@@ -54,7 +54,7 @@ def mistake(*arguments: object) -> str:
     return result.stderr
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("line", "offered"),
     [
         ("diagnose log.csv --model pen", {"pendulum"}),
@@ -115,7 +115,7 @@ def test_help_is_quick_and_imports_nothing_heavy():
         assert command in result.stdout
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.every("command", COMMANDS)
 def test_every_command_has_help_with_examples(command):
     result = run(command, "--help")
     assert result.exit_code == 0
@@ -124,7 +124,7 @@ def test_every_command_has_help_with_examples(command):
     assert "--json" in result.stdout
 
 
-@pytest.mark.parametrize(("name", "place"), [("exam", "tests/exam"), ("reproduce", "papers")])
+@pytest.mark.every(("name", "place"), [("exam", "tests/exam"), ("reproduce", "papers")])
 def test_a_command_that_does_not_install_says_how_to_get_it(tmp_path, monkeypatch, name, place):
     monkeypatch.setattr(checkout, "ROOT", tmp_path)
     bare = typer.Typer(callback=lambda: None)
@@ -238,7 +238,7 @@ def test_a_recorded_line_follower_has_no_bias_that_nobody_asked_for(tmp_path):
     assert command["none"] < 0.003 < command["some"]  # what holds against a bias
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("change", "message"),
     [
         ("settings.track=ovel", "no track 'ovel' (did you mean 'oval'?)"),
@@ -265,9 +265,7 @@ def test_keys_that_do_not_fit_a_model_are_refused(tmp_path):
         assert f"model '{task}' does not take this key" in text
 
 
-@pytest.mark.parametrize(
-    "path", sorted(CONFIGS.glob("*/record*.yaml")), ids=lambda path: str(path.parent.name)
-)
+@pytest.mark.every("path", sorted(CONFIGS.glob("*/record*.yaml")))
 def test_shipped_record_configs_load(path):
     from fieldagents.config import load_config
     from fieldagents.record.config import RecordConfig
@@ -275,10 +273,8 @@ def test_shipped_record_configs_load(path):
     load_config(path, RecordConfig)
 
 
-@pytest.mark.parametrize(
-    "path",
-    [*sorted(CONFIGS.glob("*/benchmark*.yaml")), CONFIGS / "line_following" / "light.yaml"],
-    ids=lambda path: f"{path.parent.name}-{path.stem}",
+@pytest.mark.every(
+    "path", [*sorted(CONFIGS.glob("*/benchmark*.yaml")), CONFIGS / "line_following" / "light.yaml"]
 )
 def test_shipped_benchmarks_load(path):
     from fieldagents.config import load_config
@@ -308,7 +304,7 @@ def test_evaluate_prints_a_table_and_its_files(tmp_path):
     assert str(tmp_path / "report.html") in result.stdout.replace("\n", "")
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("changes", "messages"),
     [
         (["agents=[rangr]"], ["agents.0: there is no agent 'rangr' (did you mean 'ranger'?)"]),
@@ -355,7 +351,7 @@ def test_mistakes_in_an_evaluation_are_named_before_any_work(tmp_path, changes, 
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("change", "message"),
     [
         ("model=rigg", "no model 'rigg' (did you mean 'rig'?)"),
@@ -372,7 +368,7 @@ def test_mistakes_in_a_recording(rig_config, tmp_path, change, message):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("command", ["train", "evaluate", "record"])
+@pytest.mark.every("command", ["train", "evaluate", "record"])
 def test_a_missing_config_is_named(command, tmp_path):
     assert f"{tmp_path}/nowhere.yaml: no such file" in mistake(command, tmp_path / "nowhere.yaml")
 
@@ -407,7 +403,7 @@ def test_problems_of_a_file_are_counted_once(tmp_path):
     assert "mistakes" not in text
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("arguments", "messages"),
     [
         (["--model", "rigg"], ["no model 'rigg' (did you mean 'rig'?)"]),

@@ -234,7 +234,7 @@ BROKEN_FILES = {
 }
 
 
-@pytest.mark.parametrize("mistake", BROKEN_FILES)
+@pytest.mark.every("mistake", BROKEN_FILES)
 def test_a_file_that_cannot_be_used_is_refused(tmp_path, mistake):
     text, message = BROKEN_FILES[mistake]
     with pytest.raises(ModelError, match=message):
@@ -309,7 +309,7 @@ NOT_CONTRACTED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("mistake", NOT_CONTRACTED)
+@pytest.mark.every("mistake", NOT_CONTRACTED)
 def test_a_model_that_breaks_the_contract_is_refused(tmp_path, mistake):
     text, message = NOT_CONTRACTED[mistake]
     with pytest.raises(ContractError if "error" not in mistake else ModelError, match=message):

@@ -125,8 +125,8 @@ def cielab(colour: str, eye: str) -> np.ndarray:
     return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
 
 
-@pytest.mark.parametrize("eye", EYES)
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.every("eye", EYES)
+@pytest.mark.every("dark", [False, True])
 def test_every_eye_tells_the_palette_apart(eye: str, dark: bool):
     light, _, night = html.STYLE.partition("prefers-color-scheme: dark")
     found = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", night if dark else light))

@@ -52,7 +52,7 @@ def flown(env, seed=3, steps=80):
     return np.array(commands), np.array(seen)
 
 
-@pytest.mark.parametrize("reality", REALITIES)
+@pytest.mark.every("reality", REALITIES)
 def test_an_episode_is_what_the_model_predicts_of_its_record(reality):
     machine = Motor()
     commands, seen = flown(as_env(machine, SETTINGS, REALITIES[reality]))

@@ -20,8 +20,8 @@ import fieldgym.base
 from fieldmodels.settings import declared
 
 IDS = sorted(task.env_id for task in fieldgym.TASKS.values())
-every_environment = pytest.mark.parametrize("env_id", IDS)
-needs_vector = pytest.mark.parametrize("env_id", [i for i in IDS if gym.spec(i).vector_entry_point])
+every_environment = pytest.mark.every("env_id", IDS)
+needs_vector = pytest.mark.every("env_id", [i for i in IDS if gym.spec(i).vector_entry_point])
 
 
 def equal(a, b):
@@ -155,7 +155,7 @@ def test_docstring_is_a_docs_page(env_id):
         assert f"## {heading}" in page
 
 
-@pytest.mark.parametrize("task", fieldgym.TASKS.values(), ids=lambda task: task.name)
+@pytest.mark.every("task", fieldgym.TASKS.values())
 def test_docs_page_is_up_to_date(task):
     """Renew with ``python docs/environments.py``."""
     folder = Path(__file__).parents[2] / "docs"
@@ -507,7 +507,7 @@ def test_a_reset_of_some_rows_begins_these_and_leaves_the_others_as_they_are(env
             envs.reset(options={"reset_mask": wrong})
 
 
-@pytest.mark.parametrize("name", ["HeelStrike", "Excitation", "UavRoute"])
+@pytest.mark.every("name", ["HeelStrike", "Excitation", "UavRoute"])
 def test_threads_change_no_bit(name):
     """Five rows on three threads: shares of one, two and two; an episode begins in between."""
     env_id = next(i for i in gym.registry if i.startswith(f"fieldgym/{name}-v"))

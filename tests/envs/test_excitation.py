@@ -105,7 +105,7 @@ def test_constant_action_keeps_equation_24():
         assert np.exp(1j * info["arm.phase"][0]) == pytest.approx(np.exp(1j * np.pi / 2 * 0.4 * k), abs=1e-5)
 
 
-@pytest.mark.parametrize("limits", LIMITS)
+@pytest.mark.every("limits", LIMITS)
 def test_actions_are_commands_within_the_limits(limits):
     bounds = LIMITS[limits]
     for value in (-1.0, 0.0, 1.0):
@@ -233,7 +233,7 @@ def test_table_2_counts_five_unknowns():
     assert (infos[-1]["bits"] > infos[0]["bits"] + 5).all()
 
 
-@pytest.mark.parametrize("estimator", ["compensated", "low_passed"])
+@pytest.mark.every("estimator", ["compensated", "low_passed"])
 def test_two_sigma_cover_what_they_should(estimator):
     """Of 64 x 22 errors 95.4 % lie within 2 sigma; errors of one episode go together: 0.90 to 0.98."""
     _, infos, _ = episode(anything, batch=64, estimator=estimator)
@@ -266,7 +266,7 @@ def test_unknown_effect_is_named():
         gym.make(ID, reality={"payloda": {"mass": 0.1}})
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("settings", "message"),
     [
         ({"preset": "hard"}, "'table1' or 'soft'"),

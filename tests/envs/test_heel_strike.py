@@ -58,7 +58,7 @@ def test_reward_is_the_loss_in_units_of_the_scale():
     assert rewards.min() == -0.5
 
 
-@pytest.mark.parametrize("kind", ["ar1", "low_pass"])
+@pytest.mark.every("kind", ["ar1", "low_pass"])
 def test_scale_is_the_tuned_ranger_estimators_error(kind):
     infos, *_ = walk(RANGER, collision_kind=kind)
     best, scale = RANGER_TUNED[kind]
@@ -86,7 +86,7 @@ def test_actions_change_neither_truth_nor_observations():
         assert np.array_equal(hidden_a[key], hidden_b[key])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("kind", "good", "bad"),
     [
         # Errors of `ar1` are the collision's: a model that bridges it beats Ranger with its best reset.
@@ -181,7 +181,7 @@ def test_unknown_effect_is_named():
         gym.make(ID, reality={"gyro_bais": {"rate": 0.01}})
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("settings", "message"),
     [
         ({"collision_kind": "white"}, "'ar1' or 'low_pass'"),

@@ -28,7 +28,7 @@ LIMITS = {
 }
 
 
-@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.every("task", TASKS)
 def test_the_spec_names_the_step_that_ends_the_longest_episode(task):
     """Of ten episodes of an agent that does nothing, none is longer, and the longest is as long."""
     env = gym.make(TASKS[task].env_id, settings=LIMITS[task])
@@ -80,7 +80,7 @@ def test_wrappers_of_gymnasium_resize_and_grey_the_camera_s_images():
     assert small.reset(seed=0)[0].shape == (60, 80)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("task", "settings", "actions"),
     [
         ("line_following", {}, [[1.0], [0.0]]),

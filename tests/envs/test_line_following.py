@@ -37,8 +37,8 @@ def drive(envs, act, seed=5):
     return infos, total
 
 
-@pytest.mark.parametrize("track", ["straight", "s", "oval"])
-@pytest.mark.parametrize("plant", ["kinematic", "pymunk"])
+@pytest.mark.every("track", ["straight", "s", "oval"])
+@pytest.mark.every("plant", ["kinematic", "pymunk"])
 def test_the_law_keeps_the_robot_on_the_line(track, plant):
     infos, total = drive(vector(track=track, plant=plant, num_envs=4), law)
     assert (infos[-1]["mean_offset"] < 0.2).all()
@@ -176,7 +176,7 @@ def test_bad_settings_are_refused():
         gym.make(CENTROID, settings={"track": "circle"})
 
 
-@pytest.mark.parametrize("key", ["walks", "tallies"])
+@pytest.mark.every("key", ["walks", "tallies"])
 def test_a_broken_snapshot_is_refused_and_changes_nothing(key):
     env = gym.make(CENTROID).unwrapped
     env.reset(seed=1)
@@ -188,8 +188,8 @@ def test_a_broken_snapshot_is_refused_and_changes_nothing(key):
     assert env.get_state()["elapsed"] == kept["elapsed"]
 
 
-@pytest.mark.parametrize("name", ["reward_limit", "effort_weight", "lost_offset", "friction", "motor"])
-@pytest.mark.parametrize("value", [math.inf, math.nan])
+@pytest.mark.every("name", ["reward_limit", "effort_weight", "lost_offset", "friction", "motor"])
+@pytest.mark.every("value", [math.inf, math.nan])
 def test_settings_whose_rewards_would_not_be_numbers_are_refused(name, value):
     """An infinite ``reward_limit`` or ``effort_weight`` times nothing was no number."""
     with pytest.raises(SettingsError, match=f"{name}: Input should be (less|greater) than .*given: {value}"):

@@ -80,8 +80,8 @@ def same(a, b):
     return np.array_equal(a, b, equal_nan=isinstance(a, float) or np.asarray(a).dtype.kind == "f")
 
 
-@pytest.mark.parametrize("vector", [None, AutoresetMode.SAME_STEP], ids=["scalar", "vector"])
-@pytest.mark.parametrize("env_id", [*IDS, BENCH])
+@pytest.mark.every("vector", [None, AutoresetMode.SAME_STEP])
+@pytest.mark.every("env_id", [*IDS, BENCH])
 def test_it_goes_on_identically(env_id, vector, own):
     env = made(env_id, own, vector)
     env.action_space.seed(4)
@@ -117,7 +117,7 @@ def test_before_the_first_reset_and_in_pictures():
     fresh.reset(seed=2)
 
 
-@pytest.mark.parametrize("name", ["rig", "pendulum", "propeller_arm", "servo"])
+@pytest.mark.every("name", ["rig", "pendulum", "propeller_arm", "servo"])
 def test_a_machine_that_has_run_pickles(name):
     machine = get_model(name)
     machine.driver  # noqa: B018 - compiled, and no part of the pickle

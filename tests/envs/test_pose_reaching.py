@@ -56,7 +56,7 @@ def test_observation_holds_the_pose():
         )
 
 
-@pytest.mark.parametrize("tick", [0.05, 0.1])
+@pytest.mark.every("tick", [0.05, 0.1])
 def test_the_shortest_path_arrives_in_its_time(tick):
     """Where no wall is in its way; 100 starts of T1, whose paths mostly stay in the field."""
     env = gym.make_vec(ID, num_envs=100, settings={"starts": "T1", "tick": tick})
@@ -193,7 +193,7 @@ def test_state_with_effects_continues_to_the_bit_and_fits_its_reality_only():
         fresh.unwrapped.set_state({**state, "robots": [0.0, 0.0, 0.0]})
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("settings", "message"),
     [
         ({"starts": "T4"}, "'T1', 'T2' or 'T3'"),
@@ -279,7 +279,7 @@ def test_arrival_is_drawn():
 OMNIDIRECTIONAL = {"drive": "omnidirectional"}
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("action", "ahead", "left"),
     [
         ((1, 0, 0), 1, 0),
@@ -297,7 +297,7 @@ def test_an_omnidirectional_robot_drives_any_way(action, ahead, left):
     assert info["path_length"] == pytest.approx(0.1 * math.hypot(ahead, left))
 
 
-@pytest.mark.parametrize("reality", [None, FAULTS])
+@pytest.mark.every("reality", [None, FAULTS])
 def test_omnidirectional_robots_side_by_side_are_single_ones(reality):
     actions = np.random.default_rng(4).uniform(-1, 1, (40, 6, 3)).astype(np.float32)
     chosen = {**OMNIDIRECTIONAL, "starts": "T1", "timeout": 2.0}

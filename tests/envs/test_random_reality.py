@@ -88,9 +88,7 @@ STOCK = {
 """The same of stock effects around a task, with all that they remember."""
 IDS = sorted(task.env_id for task in fieldgym.TASKS.values())
 CASES = [(name, RANDOM[name]) for name in IDS] + [(name, STOCK[name]) for name in STOCK]
-every_environment = pytest.mark.parametrize(
-    ("env_id", "reality"), CASES, ids=[f"{name[9:]}-{n // len(IDS)}" for n, (name, _) in enumerate(CASES)]
-)
+every_environment = pytest.mark.every(("env_id", "reality"), CASES)
 
 
 def plain(reality, i=None):
@@ -227,7 +225,7 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize("env_id", STOCK)
+@pytest.mark.every("env_id", STOCK)
 def test_drawn_settings_and_drawn_effects_around_them_are_each_row_s_own(env_id):
     envs = gym.make_vec(env_id, num_envs=3, reality=STOCK[env_id], settings=SETTINGS[env_id])
     observation, info = envs.reset(seed=4)
@@ -348,7 +346,7 @@ def test_drawn_capture_and_number_of_legs_end_each_flight():
             pytest.fail("no episode is longer than these legs")
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("settings", "words"),
     [
         ({"max_speed": {"uniform": [0, 1]}}, "max_speed: uniform.*can draw 0"),

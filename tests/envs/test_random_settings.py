@@ -116,7 +116,7 @@ DRAWN = {
 """Of each task's settings: two values that act differently, and what else is set so that they do."""
 CASES = [(task, name) for task, table in DRAWN.items() for name in table]
 each_setting = pytest.mark.parametrize(("task", "name"), CASES, ids=[f"{t}-{n}" for t, n in CASES])
-each_task = pytest.mark.parametrize("task", [t for t in fieldgym.TASKS if t != "line_following_pixels"])
+each_task = pytest.mark.every("task", [t for t in fieldgym.TASKS if t != "line_following_pixels"])
 
 
 def towards_the_ball(observation):
@@ -245,7 +245,7 @@ def test_a_drawn_setting_comes_back_from_a_snapshot(task, name):
         assert np.array_equal(one, other)
 
 
-@each_setting
+@pytest.mark.every(("task", "name"), CASES)
 def test_a_setting_out_of_bounds_is_refused_by_name(task, name):
     kind, env_id = fieldgym.TASKS[task].settings, fieldgym.TASKS[task].env_id
     one = declared(kind)[name]
@@ -277,7 +277,7 @@ def test_one_number_of_a_pair_may_be_drawn():
         assert twin.step(action[i])[1] == rewards[i]
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("value", "words"),
     [
         ((0.1, -0.1), "process: each of process must be at least 0|process.*greater than or equal to 0"),

@@ -129,7 +129,7 @@ WALKED = {
 }
 
 
-@pytest.mark.parametrize("name", WALKED)
+@pytest.mark.every("name", WALKED)
 def test_the_model_with_the_same_effects_predicts_a_recorded_walk(name):
     """Exactly, without noise; the nominal model errs by much."""
     plain = LineFollowing()
@@ -157,7 +157,7 @@ def test_a_parameter_that_jumps_between_windows_is_predicted():
     assert np.abs(nominal - measured)[windows.starts >= 60].max() > 0.01
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("env_id", "reality", "words"),
     [
         (LINE, {"offset_gain": {"gain": 1.1}}, "the commands steering; the sensors line"),
@@ -217,7 +217,7 @@ def apart(poses, others):
     return np.abs(np.column_stack([gap[:, :2], np.angle(np.exp(1j * gap[:, 2]))])).max()
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("reality", "oracle"),
     [
         (
@@ -231,7 +231,6 @@ def apart(poses, others):
             ),
         ),
     ],
-    ids=["gain and lag", "curve"],
 )
 def test_a_robot_drives_as_its_drive_gives(reality, oracle):
     """A drive that gives other speeds than commanded is one that is commanded these."""
@@ -393,7 +392,7 @@ FLOWN = {
 }
 
 
-@pytest.mark.parametrize("name", FLOWN)
+@pytest.mark.every("name", FLOWN)
 def test_the_model_with_the_same_effects_predicts_a_recorded_flight(name):
     """The recorder integrates with complex numbers, in small pieces, sample by sample."""
     plain = UavRoute()
@@ -410,7 +409,7 @@ HEEL = "fieldgym/HeelStrike-v0"
 GAINS = np.random.default_rng(8).uniform(-1.0, 1.0, (12, 3))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("stock", "own"),
     [
         (
@@ -423,7 +422,6 @@ GAINS = np.random.default_rng(8).uniform(-1.0, 1.0, (12, 3))
         ),
         ({"length_step": {"time": 0.0, "change": 0.05}}, {"parameters": {"length": 1.05}}),
     ],
-    ids=["curve as bias", "curve as gain", "length"],
 )
 def test_a_stock_effect_that_is_one_of_the_walkers_own_does_the_same(stock, own):
     settings = {"gyro": 0.0, "collision": (0.0, 0.0)}  # noise comes before one and after the other
@@ -492,7 +490,7 @@ SHAKE = "fieldgym/Excitation-v0"
 SHAKEN = np.random.default_rng(2).uniform(-0.8, 0.3, (5, 3))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("stock", "own"),
     [
         (
@@ -515,7 +513,6 @@ SHAKEN = np.random.default_rng(2).uniform(-0.8, 0.3, (5, 3))
             {"parameters": {"stiffness_z": 1800.0}},
         ),
     ],
-    ids=["forces", "accelerometer", "inclinometer", "stiffness"],
 )
 def test_a_stock_effect_that_is_one_of_the_vehicles_own_does_the_same(stock, own):
     settings = {"preset": "soft", "noise_fraction": 0.02}
@@ -537,14 +534,13 @@ def test_a_stiffness_that_jumps_between_decisions_is_the_truth_from_then_on():
     assert truth == [1500.0] * 3 + [1800.0] * 3
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("reality", "oracle"),
     [
         ({"arm_angle_gain": {"gain": 0.8}, "arm_angle_bias": {"bias": 0.1}}, lambda t, f: 0.8 * f + 0.1),
         ({"arm_angle_delay": {"delay": 0.03}}, lambda t, f: np.interp(t - 0.03, t, f)),
         ({"arm_angle_lag": {"time_constant": 0.05}}, lambda t, f: slowed(t, f, 0.05)),
     ],
-    ids=["gain and bias", "delay", "lag"],
 )
 def test_an_arm_moves_as_its_drive_gives(reality, oracle):
     """Its angle is what NumPy makes of the commanded one, and its derivatives are that angle's."""
@@ -584,14 +580,13 @@ def arm_of(reality, actions):
     return np.concatenate(parts)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("reality", "share"),
     [
         ({"arm_angle_gain": {"gain": 0.8}, "arm_angle_lag": {"time_constant": 0.05}}, 0.1),
         ({"force_x_bend": {"curvature": 0.05}, "pitch_bend": {"curvature": 5.0}}, 0.01),
         ({"arm_angle_curve": {"low": -4.0, "high": 4.0, "value_1": 0.6, "value_2": -0.6}}, 0.01),
     ],
-    ids=["gain and lag", "bend", "curve"],
 )
 def test_the_model_with_the_same_effects_predicts_a_recorded_experiment(reality, share):
     """The recorder works on a grid eight times finer."""

@@ -67,7 +67,7 @@ def test_the_straight_line_of_the_example_is_hit_after_200_s_of_detection():
     assert reward[0] == pytest.approx(-1.5 - 0.02 * flown + 0.04 * came)
 
 
-@pytest.mark.parametrize("radars", [1, 3])
+@pytest.mark.every("radars", [1, 3])
 def test_every_random_layout_has_a_route_that_arrives_unseen(radars):
     envs = vector(40, radars=radars, lock_loss=False)
     _, info = envs.reset(seed=0)
@@ -208,7 +208,7 @@ def test_headings_are_relative_to_the_nearest_radar():
     assert info["radial"][0] == pytest.approx(math.pi / 2)  # the second one lies ahead
 
 
-@pytest.mark.parametrize("detection", ["deterministic", "stochastic"])
+@pytest.mark.every("detection", ["deterministic", "stochastic"])
 def test_equal_seeds_mean_equal_layouts_and_luck_whatever_is_done(detection):
     """Luck is drawn by time: an agent that acts otherwise for one leg meets the same numbers after it."""
     envs = vector(20, detection=detection, engage=1e9, lose=1e9)
@@ -278,7 +278,7 @@ def test_reality_changes_the_flight_and_a_faulty_sensor_only_what_is_told():
     np.testing.assert_allclose(info["privileged.place"], [[350, 125]])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("settings", "error", "words"),
     [
         ({"layot": "example"}, SettingsError, "did you mean 'layout'"),

@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import ModuleType
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from fieldagents.console import Address, DryRun, EngineName, Json, Workers, begin, print_result
 from fieldagents.progress import progress
 
-_SET = "Cases to develop a diagnosis on, or to report on; they have nothing in common."
+if TYPE_CHECKING:
+    from fieldmodels.engine import Engine
+
+_SET = """Cases to develop a diagnosis on, or to report on; they have nothing in common. `field` and
+`field-report`: the same of logs as the field has them."""
+_BY = "Who answers: the diagnosis, its search by evidence, or a rival, which is set beside the diagnosis."
 _FRESH = "Draw other cases than the published ones, which nobody has seen: any number of yours."
-_KIND = """`nothing`, `single`, `pair`, `triple`, `unlisted`, `mixed`, `growing` or `log`; repeatable
-(default: all). Or `degenerate`: hostile and unlucky input to every command."""
+_KIND = """`nothing`, `single`, `pair`, `triple`, `unlisted`, `mixed`, `growing` or `log`, or a kind of the
+field set; repeatable (default: all). Or `degenerate`: hostile and unlucky input to every command."""
+_OUT = "Result folder (default: `results/exam-<set>`)."
 
 
 def _machines(incomplete: str) -> list[str]:
     from exam.cases import examined
+    from exam.field.plants import PLANTS
 
-    return [name for name in examined() if name.startswith(incomplete)]
+    return [name for name in dict.fromkeys([*examined(), *PLANTS]) if name.startswith(incomplete)]
 
 
 def exam(
-    which: Annotated[Literal["develop", "report"], typer.Option("--set", help=_SET)] = "report",
+    which: Annotated[
+        Literal["develop", "report", "field", "field-report"], typer.Option("--set", help=_SET)
+    ] = "report",
+    by: Annotated[Literal["diagnosis", "evidence", "forward", "sindy"], typer.Option(help=_BY)] = "diagnosis",
     machine: Annotated[
         list[str] | None,
         typer.Option(help="Machine to examine; repeatable (default: all).", autocompletion=_machines),
@@ -37,7 +46,7 @@ def exam(
     engine: EngineName = "local",
     workers: Workers = 2,
     address: Address = "",
-    out: Annotated[Path | None, typer.Option(help="Result folder (default: `results/exam-<set>`).")] = None,
+    out: Annotated[Path | None, typer.Option(help=_OUT)] = None,
     publish: Annotated[
         Path | None, typer.Option(metavar="PAGE", help="Page of Markdown to put the rates into.")
     ] = None,
@@ -51,44 +60,54 @@ def exam(
 
     For example:
 
-        fieldgym exam
+        fieldgym exam --cases 300
 
-        fieldgym exam --set develop --machine rig --cases 20
+        fieldgym exam --set field-report --by forward
 
-        fieldgym exam --set develop --kind unlisted --kind nothing --workers 1
-
-        fieldgym exam --cases 1000 --publish docs/exam.md
-
-        fieldgym exam --kind single --kind triple --fresh 7
+        fieldgym exam --set develop --machine rig --kind unlisted --kind nothing --workers 1
 
         fieldgym exam --kind degenerate --cases 300
     """
-    from exam import degenerate, table
-    from exam.cases import cases_of, examined
-    from exam.hostile import cases_of as hostile_cases
-    from exam.run import run_cases
+    from exam import sets, table
+    from fieldagents import plan
+    from fieldmodels.engine import Engine
+    from fieldmodels.model import ModelError
+
+    asked, kinds = Engine(engine, workers, address), kind or []
+    if "degenerate" in kinds:
+        if len(kinds) > 1 or machine or fresh or by != "diagnosis":
+            raise ModelError("--kind degenerate: leave out other kinds, --machine, --fresh and --by")
+        _degenerate(cases or 1000, out or Path("results/exam-degenerate"), asked, publish, dry_run, as_json)
+        return
+    machines, run = sets.chosen(which, by, machine or [], kinds, cases, fresh)
+    own = Path("results") / (f"exam-{which}-{fresh}" if fresh else f"exam-{which}")
+    out = out or (own if by == "diagnosis" else own.with_name(f"{own.name}-{by}"))
+    folder = begin(plan.of_exam(machines, out, asked), dry_run, as_json)
+    with progress() as report:
+        rows = run(out=folder, engine=asked, progress=report)
+    written, found = table.write(rows, folder), table.summary(rows)
+    text = sets.published(rows) if by == "diagnosis" else sets.beside(by, rows, own / "cases.jsonl")
+    if publish is not None:
+        table.put(text, publish, f"{which} by {by}")
+    print_result(as_json, found, lambda _: print(*table.notes_of(found), "", text, sep="\n"), written)
+
+
+def _degenerate(
+    count: int, out: Path, engine: Engine, publish: Path | None, dry_run: bool, as_json: bool
+) -> None:
+    from exam import degenerate, hostile, table
     from fieldagents import plan
     from fieldagents.cli import app
-    from fieldmodels.engine import Engine
 
-    by, of_faults = Engine(engine, workers, address), kind == ["degenerate"]
-    tables: ModuleType = degenerate if of_faults else table
-    if of_faults:
-        hostile, name = hostile_cases(cases or 1000), "exam-degenerate"
-        machines = ["degenerate"] * len(hostile)
-    else:
-        chosen = cases_of(which, machine or examined(), kind or (), cases, fresh)
-        name = f"exam-{which}-{fresh}" if fresh else f"exam-{which}"
-        machines = [case.machine for case in chosen]
-    folder = begin(plan.of_exam(machines, out or Path("results") / name, by), dry_run, as_json)
+    folder = begin(plan.of_exam(["degenerate"] * count, out, engine), dry_run, as_json)
     with progress() as report:
-        if of_faults:
-            rows = degenerate.run_cases(hostile, folder, app, workers=workers, progress=report)
-        else:
-            rows = run_cases(chosen, folder, engine=by, progress=report)
-    written, found = tables.write(rows, folder), tables.summary(rows)
+        rows = degenerate.run_cases(
+            hostile.cases_of(count), folder, app, workers=max(engine.workers, 1), progress=report
+        )
+    written, found = degenerate.write(rows, folder), degenerate.summary(rows)
+    text = degenerate.markdown(found)
     if publish is not None:
-        table.put(tables.markdown(found), publish)
-    print_result(as_json, found, lambda _: print(written["exam.md"].read_text(encoding="utf-8")), written)
-    if of_faults and found["faults"]:
+        table.put(text, publish)
+    print_result(as_json, found, lambda _: print(text), written)
+    if found["faults"]:
         raise typer.Exit(1)

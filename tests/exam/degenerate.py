@@ -198,15 +198,15 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def markdown(found: dict[str, Any]) -> str:
-    """The counts as a table."""
-    columns = ("answered", "refused", *FAULTS)
+    """The counts as a table; faults of a kind in one column, each of them below."""
     lines = [
         f"{found['cases']} cases by `fieldgym exam --kind degenerate --cases {found['cases']}`.\n",
-        f"| kind | {' | '.join(columns)} |",
-        f"|---|{'---:|' * len(columns)}",
+        "| kind | answered | refused | faults |",
+        "|---|---:|---:|---:|",
     ]
     for kind, counts in {**found["kinds"], "**all**": found["outcomes"]}.items():
-        lines.append(f"| {kind} | " + " | ".join(str(counts.get(name, 0)) for name in columns) + " |")
+        faults = sum(counts.get(name, 0) for name in FAULTS)
+        lines.append(f"| {kind} | {counts.get('answered', 0)} | {counts.get('refused', 0)} | {faults} |")
     if found["faults"]:
         lines.append("\nFaults:\n")
         lines += [f"- `{row['key']}`: {row['outcome']}: {row['said']}" for row in found["faults"]]

@@ -1,6 +1,6 @@
 """Rivals of the diagnosis: thirty lines that more rules must beat; and PySINDy, where it can be asked.
 
-``python tests/exam/exam.py SET --by forward`` puts one on the same cases; each takes what ``ask`` takes.
+``fieldgym exam --by forward`` puts one on the same cases; each takes what ``ask`` takes.
 """
 
 from __future__ import annotations

@@ -147,11 +147,9 @@ def _coverages(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """The same by machine, by kind of noise, and in open and closed loop."""
     parts: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        conditions = row["conditions"]
-        loop = "closed" if conditions.get("closed") else "open"
-        for part in (
-            ("machine", row["machine"]), ("noise", conditions.get("noise", "white")), ("loop", loop)
-        ):  # fmt: skip
+        noise = row["conditions"].get("noise", "white")
+        loop = "closed" if row["conditions"].get("closed") else "open"
+        for part in (("machine", row["machine"]), ("noise", noise), ("loop", loop)):
             parts.setdefault(part, []).append(row)
     found = {part: _coverage(of) for part, of in parts.items()}
     return [
@@ -212,15 +210,9 @@ def _certain(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 def _reliability(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Of answers in bins of the stated probability, how many are not false."""
-    result = []
+    result, stated = [], [row for row in rows if row.get("stated") is not None]
     for low, high in itertools.pairwise(BINS):
-        own = [
-            row
-            for row in rows
-            if row.get("stated") is not None
-            and low <= row["stated"]
-            and (row["stated"] < high or high == 1.0)
-        ]
+        own = [r for r in stated if low <= r["stated"] and (r["stated"] < high or high == 1.0)]
         if own:
             right = sum(row["outcome"] not in FALSE for row in own)
             rate = _rate(f"{low:g} to {high:g}", right, len(own), None, True)
@@ -340,27 +332,48 @@ def tables(found: Mapping[str, Any], single_cases: bool = True) -> list[Table]:
         found: The summary.
         single_cases: Whether to say what was taken for what, and what became of each effect and fault.
     """
-    rates = [
-        ("All machines", *_goal_table(found["goals"]["all"])),
-        ("By machine", *_machine_table(found["goals"])),
-        ("Stated standard errors", *_coverage_table(found["coverage"])),
-        ("Stated probabilities", *_reliability_table(found["reliability"])),
-        ("Outcomes", *_outcome_table(found["outcomes"])),
-    ]
-    return (
-        rates
-        + [
-            ("What is taken for what", *_confusion_table(found["confusions"])),
-            ("One by one", *_hidden_table(found["hidden"])),
-        ]
-        * single_cases
-    )
+    goals, machines = found["goals"]["all"], [name for name in found["goals"] if name != "all"]
+    of = {name: {g["name"]: _with_interval(g) for g in found["goals"][name]} for name in machines}
+    made: list[Table] = [
+        (
+            "All machines", ["what", "counted", "value", "95 % interval", "goal", ""],
+            [[
+                g["name"], _counted(g), g["value"], f"{g['ci95'][0]:.1f} to {g['ci95'][1]:.1f}",
+                g["goal"], {None: "", True: "met", False: "missed"}[g["met"]],
+            ] for g in goals],
+        ),
+        (
+            "By machine", ["what", *machines],
+            [[g["name"], *(of[m].get(g["name"], "-") for m in machines)] for g in goals],
+        ),
+        (
+            "Stated standard errors", ["by", "", *(f"within {limit:g}" for limit, _, _ in COVERAGE)],
+            [[one["by"], one["part"], *map(_with_interval, one["coverage"])] for one in found["coverage"]],
+        ),
+        (
+            "Stated probabilities", ["stated", "on average", "not false"],
+            [[one["name"], f"{one['stated']:.4g}", _with_interval(one)] for one in found["reliability"]],
+        ),
+        (
+            "Outcomes", ["machine", "hidden", "cases", "outcomes"],
+            [[machine, kind, str(sum(counts.values())), _listed(counts)]
+             for machine, kinds in found["outcomes"].items() for kind, counts in kinds.items()],
+        ),
+        (
+            "What is taken for what", ["machine", "hidden", "named", "times"],
+            [[c["machine"], c["hidden"], c["named"], str(len(c["cases"]))] for c in found["confusions"]],
+        ),
+        (
+            "One by one", ["kind", "machine", "hidden", "outcomes"],
+            [[h["kind"], h["machine"], h["hidden"], _listed(h["outcomes"])] for h in found["hidden"]],
+        ),
+    ]  # fmt: skip
+    return made if single_cases else made[:-2]
 
 
 def _counted(goal: Mapping[str, Any]) -> str:
-    return (
-        f"{goal['value']} of {goal['cases']}" if goal["count"] is None else f"{goal['count']}/{goal['cases']}"
-    )
+    count, cases = goal["count"], goal["cases"]
+    return f"{goal['value']} of {cases}" if count is None else f"{count}/{cases}"
 
 
 def _with_interval(goal: Mapping[str, Any]) -> str:
@@ -368,60 +381,11 @@ def _with_interval(goal: Mapping[str, Any]) -> str:
     return f"{_counted(goal)} ({low:.3g} to {high:.3g})"
 
 
-def _goal_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    return ["what", "counted", "value", "95 % interval", "goal", ""], [
-        [
-            goal["name"], _counted(goal), goal["value"], f"{goal['ci95'][0]:.1f} to {goal['ci95'][1]:.1f}",
-            goal["goal"], "" if goal["met"] is None else "met" if goal["met"] else "missed",
-        ]
-        for goal in found
-    ]  # fmt: skip
-
-
-def _machine_table(found: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    machines = [name for name in found if name != "all"]
-    of = {name: {goal["name"]: _with_interval(goal) for goal in found[name]} for name in machines}
-    names = [goal["name"] for goal in found["all"]]
-    return ["what", *machines], [[name, *(of[m].get(name, "-") for m in machines)] for name in names]
-
-
-def _coverage_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    return ["by", "", *(f"within {limit:g}" for limit, _, _ in COVERAGE)], [
-        [one["by"], one["part"], *map(_with_interval, one["coverage"])] for one in found
-    ]
-
-
-def _reliability_table(found: Sequence[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    return ["stated", "on average", "not false"], [
-        [one["name"], f"{one['stated']:.4g}", _with_interval(one)] for one in found
-    ]
-
-
-def _outcome_table(outcomes: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    rows = []
-    for machine, kinds in outcomes.items():
-        for kind, counts in kinds.items():
-            rows.append([machine, kind, str(sum(counts.values())), _listed(counts)])
-    return ["machine", "hidden", "cases", "outcomes"], rows
-
-
 def _listed(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{n} {outcome}" for outcome, n in counts.items())
 
 
-def _confusion_table(confusions: Iterable[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    return ["machine", "hidden", "named", "times"], [
-        [c["machine"], c["hidden"], c["named"], str(len(c["cases"]))] for c in confusions
-    ]
-
-
-def _hidden_table(found: Iterable[Mapping[str, Any]]) -> tuple[list[str], list[list[str]]]:
-    return ["kind", "machine", "hidden", "outcomes"], [
-        [one["kind"], one["machine"], one["hidden"], _listed(one["outcomes"])] for one in found
-    ]
-
-
-def _notes(found: Mapping[str, Any]) -> list[str]:
+def notes_of(found: Mapping[str, Any]) -> list[str]:
     """What the tables leave unsaid."""
     notes = [f"{found['cases']} cases of the set {found['set']}."]
     notes += [f"Out of reach: {one}." for one in found["out_of_reach"]]
@@ -432,7 +396,7 @@ def _notes(found: Mapping[str, Any]) -> list[str]:
 
 def markdown(found: Mapping[str, Any]) -> str:
     """The rates as Markdown, without single cases."""
-    notes = "\n".join(f"- {note}" for note in _notes(found))
+    notes = "\n".join(f"- {note}" for note in notes_of(found))
     return f"{notes}\n\n{of_tables(tables(found, single_cases=False))}"
 
 
@@ -471,7 +435,7 @@ def _line(cells: Sequence[str]) -> str:
 
 def report(found: Mapping[str, Any]) -> str:
     """The result as a page of HTML."""
-    notes = "".join(f"<p>{text(note)}</p>" for note in _notes(found))
+    notes = "".join(f"<p>{text(note)}</p>" for note in notes_of(found))
     body = [f"<h2>{title}</h2>{table(header, rows)}" for title, header, rows in tables(found)]
     return page("Exam of the diagnosis", notes + "".join(body))
 
@@ -479,11 +443,11 @@ def report(found: Mapping[str, Any]) -> str:
 def write(rows: Sequence[Row], out: Path) -> dict[str, Path]:
     """Write ``exam.json``, ``exam.md`` and ``report.html``; returns where each is."""
     found = summary(rows)
-    texts: dict[str, Callable[[], str]] = {
-        "exam.json": lambda: json.dumps(found, indent=1, allow_nan=False) + "\n",
-        "exam.md": lambda: markdown(found),
-        "report.html": lambda: report(found),
+    texts = {
+        "exam.json": json.dumps(found, indent=1, allow_nan=False) + "\n",
+        "exam.md": markdown(found),
+        "report.html": report(found),
     }
-    for name, of in texts.items():
-        write_text(out / name, of())
+    for name, written in texts.items():
+        write_text(out / name, written)
     return {name: out / name for name in texts}

@@ -25,22 +25,14 @@ from fieldmodels.recording import Recording, Windows
 CASES = [case for which in SETS for case in field_cases(which)]
 
 
-@pytest.mark.parametrize("machine", PLANTS)
+@pytest.mark.every("machine", PLANTS)
 def test_a_plant_without_fault_is_the_machine_that_is_declared(machine: str):
     plant, model, rng = PLANTS[machine], model_of(machine), np.random.default_rng(7)
     p, rows, finer = numbers_of(plant, rng), 200, plant.finer
     aims = Form(rows=rows).aims(plant, rng)
     start = np.array(plant.start)[:, None]
-    log = simulate(
-        plant,
-        p,
-        aims,
-        NOTHING,
-        np.ones(1),
-        start,
-        np.zeros((rows, len(plant.outputs), 1)),
-        control=plant.control,
-    )
+    quiet = np.zeros((rows, len(plant.outputs), 1))
+    log = simulate(plant, p, aims, NOTHING, np.ones(1), start, quiet, control=plant.control)
     signals = {name: log.commands[:, i, 0] for i, name in enumerate(plant.inputs)}
     signals |= {name: log.shown[:-1:finer, o, 0] for o, name in enumerate(plant.outputs)}
     record = Recording(np.arange(rows) * plant.step, signals)
@@ -53,10 +45,8 @@ def test_a_plant_without_fault_is_the_machine_that_is_declared(machine: str):
     simulated = model.simulate(vector[None], windows)[0, 0]
     for o, output in enumerate(model.outputs):
         if output.name in signals:
-            size = np.ptp(signals[output.name])
-            np.testing.assert_allclose(
-                simulated[:, o], signals[output.name], atol=2e-5 * size, err_msg=output.name
-            )
+            shown = signals[output.name]
+            np.testing.assert_allclose(simulated[:, o], shown, atol=2e-5 * np.ptp(shown), err_msg=output.name)
 
 
 def test_there_are_enough_cases_of_each_kind_and_half_of_them_are_of_the_usual_size():
@@ -133,15 +123,14 @@ def test_a_curve_that_is_right_is_one_of_a_state_a_number_or_a_signal_that_there
 MADE = FieldCase("ring_down", "rig", 0, "usual"), FieldCase("one_step_a_file", "rig", 0, "large")
 
 
-@pytest.mark.parametrize("case", MADE, ids=lambda case: case.key)
+@pytest.mark.every("case", MADE)
 def test_a_case_is_the_same_again_and_its_records_are_three(case: FieldCase):
     one, again = make(case), make(case)
     for a, b in zip((*one.train, *one.third), (*again.train, *again.third), strict=True):
         assert all(np.array_equal(a[name], b[name]) for name in a.signals)
     assert (one.possible, one.nats, one.truth) == (again.possible, again.nats, again.truth)
-    assert not np.array_equal(
-        one.train[0][case.way.plant.outputs[0]], one.third[0][case.way.plant.outputs[0]]
-    )
+    first = case.way.plant.outputs[0]
+    assert not np.array_equal(one.train[0][first], one.third[0][first])
     assert len(one.train) == len(one.third) == case.way.form.files
     assert all(len(record) == case.way.form.rows for record in one.train)
     assert one.nats > 10.0
@@ -268,8 +257,6 @@ def equivalents() -> list[tuple[FieldCase, Fault, dict[int, float]]]:
     ]
 
 
-@pytest.mark.parametrize(
-    ("case", "other", "off"), equivalents(), ids=lambda one: getattr(one, "key", "instead")
-)
+@pytest.mark.every(("case", "other", "off"), equivalents())
 def test_an_equivalent_is_one_within_two_nats(case: FieldCase, other: Fault, off: dict[int, float]):
     assert evidence(case, other, off) < 2.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from exam import exam
+from exam import sets
 from exam.answers import CURVE, Answer
 from exam.delivery import Delivery
 from exam.field.answers import Right
@@ -37,7 +37,7 @@ def shown(*curve: str) -> Answer:
     return answer(verdict="unknown", curves=((place, target, over),))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("right", "given", "expected"),
     [
         (DRY, answer(("coulomb_friction",)), "right alone"),
@@ -65,7 +65,7 @@ def test_an_answer_is_the_best_that_one_of_the_right_ones_makes_of_it(
     assert outcome_of(FieldCase("kind", "motor", 0, "usual"), right, given) == expected
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("given", "expected"),
     [
         (answer(verdict="consistent"), "consistent"),
@@ -93,10 +93,10 @@ def test_a_rival_stands_beside_the_diagnosis_with_rates_of_the_same_cases():
         row(5, "consistent", kind="nothing", hidden="-"),
         row(6, "wrong", hidden="spikes", stated=0.99),
     ]
-    (line,) = [one for one in exam.versus({"forward": rows}).splitlines() if one.startswith("| forward")]
+    (line,) = [one for one in sets.versus({"forward": rows}).splitlines() if one.startswith("| forward")]
     counts = [cell.split(" (")[0].strip() for cell in line.split("|")[2:7]]
     assert counts == ["2/5", "1/5", "1/5", "1/4", "1/2"]
-    table = exam.by_kind(rows)
+    table = sets.by_kind(rows)
     assert "| spikes (counts later) | 0/1" in table
     assert "| **all that count** | 2/5" in table
 

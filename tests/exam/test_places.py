@@ -16,7 +16,7 @@ ALONE = tuple((name,) for name in bench_names() if not any(name in family for fa
 CURVES = (*remembering("torque", 0.5, 1.2), *(f"{CHANGE}torque{over}" for over in ("", " over 0.02 s")))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("curve", "listed"),
     [
         (("force", "", "velocity"), "force over velocity"),
@@ -40,7 +40,7 @@ def test_a_curve_fits_what_is_listed(curve: tuple[str, str, str], listed: str):
     assert shown_at(*curve, ["force over nothing", listed])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("curve", "listed"),
     [
         (("force", "", "position"), "force over velocity"),
@@ -66,7 +66,7 @@ def test_nothing_fits_an_empty_list():
     assert not shown_at("force", "", "velocity", [])
 
 
-@pytest.mark.parametrize("over", CURVES)
+@pytest.mark.every("over", CURVES)
 def test_what_remembers_a_signal_is_read_as_its_past(over: str):
     assert signals(over) == {f"{PAST}torque"}
     assert shown_at("force", "", over, ["force over past of torque"])
@@ -116,7 +116,7 @@ def test_every_name_that_is_listed_exists_on_a_machine(family: tuple[str, ...]):
                 assert f"{PAST}time" not in one, fault
 
 
-@pytest.mark.parametrize("machine", bench_names())
+@pytest.mark.every("machine", bench_names())
 def test_what_is_listed_of_a_fault_can_be_shown_on_each_machine(machine: str):
     model = get_bench(machine).model
     known, over = places(model), plain(variables(model))

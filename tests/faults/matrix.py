@@ -106,11 +106,11 @@ def examined(name, error, places):
 
 def publish(kept):
     """Put the table into the page."""
-    lines = [f"| command | {' | '.join(FAILURES)} |", "|---" * (len(FAILURES) + 1) + "|"]
+    lines = [f"| command | points, each with {', '.join(FAILURES)} |", "|---|---|"]
     for name in COMMANDS:
-        cells = [kept.get(name, {}).get(failure) for failure in FAILURES]
-        said = [f"{one['tried']} of {one['places']}" if one else "not run" for one in cells]
-        lines.append(f"| {name} | {' | '.join(said)} |")
+        found = [kept.get(name, {}).get(failure) for failure in FAILURES]
+        said = {f"{one['tried']} of {one['places']}" if one else "not run" for one in found}
+        lines.append(f"| {name} | {'; '.join(sorted(said))} |")
     faults = [
         f"- {name}, {failure}, place {fault}"
         for name, row in kept.items() for failure, one in row.items() for fault in one["faults"]

@@ -50,7 +50,7 @@ OUTCOMES = {
 }
 
 
-@pytest.mark.parametrize("outcome", OUTCOMES)
+@pytest.mark.every("outcome", OUTCOMES)
 def test_an_outcome_is_what_it_is(tmp_path, monkeypatch, outcome):
     monkeypatch.setattr(room, "PROCESSOR_S", 1)
     monkeypatch.setattr(room, "_warm", lambda command: None)
@@ -61,7 +61,7 @@ def test_an_outcome_is_what_it_is(tmp_path, monkeypatch, outcome):
     assert again == rows  # it goes on where it stopped
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.every("kind", KINDS)
 def test_a_case_is_made_from_its_number_alone(tmp_path, kind):
     made, folder = [], tmp_path / "case"
     for _ in range(2):
@@ -78,7 +78,7 @@ def test_a_sample_has_every_kind():
     assert len({case.key for case in cases}) == 108
 
 
-@pytest.mark.parametrize("size", [1e-300, 1e-150, 1e-30])
+@pytest.mark.every("size", [1e-300, 1e-150, 1e-30])
 def test_a_motion_that_nothing_can_measure_is_refused_before_the_work(tmp_path, size):
     values = bench(np.random.default_rng(0), 200)
     values[:, 2] *= size

@@ -24,7 +24,7 @@ def door(path):
 """
 
 
-@pytest.mark.parametrize("name", fuzz.DOORS)
+@pytest.mark.every("name", fuzz.DOORS)
 def test_a_sample_of_fuzzed_files_gets_through_no_door(name):
     counts, _, faults = fuzz.through(name, 60, 7)  # blind, so that it is the same whatever ran before
     assert faults == {}
@@ -42,7 +42,7 @@ def test_what_is_behind_several_conditions_is_found_by_its_ways_alone(tmp_path):
     assert fuzz.fuzzed(*given)[2] == {}  # blind
 
 
-@pytest.mark.parametrize("key", ["99", "null", "1.5", "true"])
+@pytest.mark.every("key", ["99", "null", "1.5", "true"])
 def test_a_name_in_a_reality_that_is_no_text_is_refused(tmp_path, key):
     path = tmp_path / "extended.yaml"
     for text in (f"coulomb_friction: {{{key}: 1.0}}", f"{key}: {{force: 1.0}}"):

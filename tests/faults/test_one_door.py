@@ -52,7 +52,7 @@ def late_model(folder, what, calls=1):
     return path
 
 
-@pytest.mark.parametrize("what", LATE)
+@pytest.mark.every("what", LATE)
 def test_a_model_is_checked_at_every_call(tmp_path, what):
     code, message = LATE[what]
     model = load_model_file(str(late_model(tmp_path, code)), call_limit=0.2)
@@ -85,7 +85,7 @@ def test_what_a_model_prints_leaves_json_alone(tmp_path, capsys):
     assert "hello" in seen.err
 
 
-@pytest.mark.parametrize("noise", [-1.0, float("nan"), float("inf"), "0.1"])
+@pytest.mark.every("noise", [-1.0, float("nan"), float("inf"), "0.1"])
 def test_a_signal_s_noise_is_a_standard_deviation(noise):
     with pytest.raises(ModelError, match="noise is a standard deviation in m"):
         Signal("position", "m", noise=noise)
@@ -103,7 +103,7 @@ ACTIONS = {
 }
 
 
-@pytest.mark.parametrize("what", ACTIONS)
+@pytest.mark.every("what", ACTIONS)
 def test_actions_are_finite_numbers_of_the_space_s_shape(what):
     actions, message = ACTIONS[what]
     with pytest.raises(AgentError, match=message):
@@ -130,7 +130,7 @@ POLICIES = {
 }
 
 
-@pytest.mark.parametrize("what", POLICIES)
+@pytest.mark.every("what", POLICIES)
 def test_a_policy_that_gives_no_actions_is_refused(what):
     agent = OnnxAgent(policy(POLICIES[what], out=None))
     with pytest.raises(PolicyError, match="gives"):
@@ -158,7 +158,7 @@ class Mine(Agent):
 """
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("act", "message"),
     [
         ("return 1 / 0", r"mine_agent\.py:12: ZeroDivisionError: division by zero \(in act\)"),
@@ -174,7 +174,7 @@ def test_an_own_agent_s_mistake_has_its_line(tmp_path, monkeypatch, act, message
         agent.act(np.zeros((1, 3)), {})
 
 
-@pytest.mark.parametrize("text", ["raise SystemExit(0)", "1 / 0", "def f(:"])
+@pytest.mark.every("text", ["raise SystemExit(0)", "1 / 0", "def f(:"])
 def test_an_own_agent_s_module_may_do_anything(tmp_path, monkeypatch, text):
     (tmp_path / "bad_agent.py").write_text(text)
     monkeypatch.syspath_prepend(tmp_path)
@@ -196,7 +196,7 @@ HOSTILE = {
 }
 
 
-@pytest.mark.parametrize("what", HOSTILE)
+@pytest.mark.every("what", HOSTILE)
 def test_hostile_yaml_is_refused_with_its_place(what):
     text, message = HOSTILE[what]
     with pytest.raises(YamlError, match=message):
@@ -207,7 +207,7 @@ def test_aliases_as_people_use_them_are_read():
     assert parse_yaml("a: &a {x: 1}\nb: *a\nc: {<<: *a, y: 2}", "f")["c"] == {"x": 1, "y": 2}
 
 
-@pytest.mark.parametrize("path", ["/dev/zero", "/", "/dev/null/x"])
+@pytest.mark.every("path", ["/dev/zero", "/", "/dev/null/x"])
 def test_what_is_no_file_is_refused(path):
     with pytest.raises(YamlError, match=path):
         load_yaml(Path(path))
@@ -225,8 +225,8 @@ def test_parameters_that_are_no_mapping_are_refused():
         read_reality({"parameters": 3}, get_model("rig"))
 
 
-@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan, 1e300])
-@pytest.mark.parametrize("setting", [Setting("x"), Setting("x", least=0), Setting("x", above=0)])
+@pytest.mark.every("value", [np.inf, -np.inf, np.nan, 1e300])
+@pytest.mark.every("setting", [Setting("x"), Setting("x", least=0), Setting("x", above=0)])
 def test_a_setting_is_a_number_that_can_be_squared(setting, value):
     assert not setting.allows(value)
 

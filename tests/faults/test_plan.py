@@ -46,7 +46,7 @@ COUNTED = {
            "sweep": "steps:heel_strike/PPO", "exam": "cases:rig", "reproduce": "seconds:any"}  # fmt: skip
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.every("command", COMMANDS)
 def test_a_plan_counts_work_and_writes_nothing(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = run(command, *COMMANDS[command], "--dry-run", "--json", "--out", tmp_path / "a" / "b")
@@ -83,7 +83,7 @@ def test_what_would_take_years_is_refused(tmp_path):
     assert "years" in done.stderr
 
 
-@pytest.mark.parametrize("place", ["/dev/null/x", "/dev/full/x"])
+@pytest.mark.every("place", ["/dev/null/x", "/dev/full/x"])
 def test_a_place_that_cannot_be_written_is_refused_by_a_dry_run(place):
     done = run("record", "rig/record", "--dry-run", "--out", place)
     assert done.exit_code == 2

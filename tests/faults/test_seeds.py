@@ -43,7 +43,7 @@ def refused(words, folder):
     assert not (folder / "out.gif").exists()
 
 
-@pytest.mark.parametrize("wrong", WRONG, ids=lambda text: text[:12] + "..." * (len(text) > 12))
+@pytest.mark.every("wrong", WRONG)
 def test_what_is_no_seed_is_refused_before_the_work(tmp_path, wrong):
     refused(["diagnose", "log.csv", "--model", "rig", "--seed", wrong], tmp_path)
     refused([*WATCH, "--seed", wrong], tmp_path)

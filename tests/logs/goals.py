@@ -55,9 +55,7 @@ def actions(log: Log, folder: Path) -> dict[str, Any]:
 
 
 def table(rows: list[dict[str, Any]]) -> str:
-    """The table of the docs' page."""
-    good = [r for r in rows if r["loaded"]]
-    turned = [r for r in good if r["reversed"]]
+    """What became of each log."""
     lines = [
         "| log | hidden | named | actions | sign | processor s |",
         "|---|---|---|---|---|---|",
@@ -69,12 +67,21 @@ def table(rows: list[dict[str, Any]]) -> str:
             else f"| {r['about'].replace('|', chr(92) + '|')} | not read | | | | |"
             for r in rows
         ),
-        "",
-        f"Loaded without editing: {len(good)} of {len(rows)}; right cause in at most {MOST} actions: "
-        f"{sum(r['right'] for r in good)}; reversed signs reported: "
-        f"{sum(r['reversed_said'] for r in turned)} of {len(turned)}.",
     ]
     return "\n".join(lines)
+
+
+def summary(rows: list[dict[str, Any]]) -> str:
+    """What stands on the docs' page: counts, and the logs that failed."""
+    good = [r for r in rows if r["loaded"]]
+    turned = [r for r in good if r["reversed"]]
+    failed = [r["about"] for r in rows if not (r["loaded"] and r["right"])]
+    return (
+        f"Loaded without editing: {len(good)} of {len(rows)}; right cause in at most {MOST} actions: "
+        f"{sum(r['right'] for r in good)}; reversed signs reported: "
+        f"{sum(r['reversed_said'] for r in turned)} of {len(turned)}."
+        + (f" Failed: {'; '.join(failed)}." if failed else "")
+    )
 
 
 def main() -> None:
@@ -90,11 +97,11 @@ def main() -> None:
             print(json.dumps(rows[-1]), file=sys.stderr, flush=True)
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / f"{options.set}.json").write_text(json.dumps(rows, indent=1))
-    print(table(rows))
+    print(f"{table(rows)}\n\n{summary(rows)}")
     if options.publish:
         page = options.publish.read_text()
         before, after = page.split(MARKS[0])[0], page.split(MARKS[1])[1]
-        options.publish.write_text(f"{before}{MARKS[0]}\n{table(rows)}\n{MARKS[1]}{after}")
+        options.publish.write_text(f"{before}{MARKS[0]}\n{summary(rows)}\n{MARKS[1]}{after}")
 
 
 if __name__ == "__main__":

@@ -47,8 +47,8 @@ def integral(speed):
     return np.cumsum(speed) * STEP
 
 
-@pytest.mark.parametrize("speeds", [(0.5, -0.5, 0.5, -0.5), (0.4, 0.3, 0.2, 0.5), (-0.2, 0.3, -0.4, 0.3)])
-@pytest.mark.parametrize("resolution", [0.0, 1e-4, 1e-3])
+@pytest.mark.every("speeds", [(0.5, -0.5, 0.5, -0.5), (0.4, 0.3, 0.2, 0.5), (-0.2, 0.3, -0.4, 0.3)])
+@pytest.mark.every("resolution", [0.0, 1e-4, 1e-3])
 def test_a_robot_that_stands_still_is_not_saturated(speeds, resolution):
     speed = drives(speeds)
     place = integral(speed)
@@ -85,9 +85,9 @@ def test_a_run_that_begins_at_rest_is_not_saturated_where_the_last_one_ended_els
     assert [one for one in suspicions(recording, RIG) if "extreme" in one] == []
 
 
-@pytest.mark.parametrize("height", [0.5, 0.7, 0.9, 0.95])
-@pytest.mark.parametrize("noise", [0.0, 1e-3, 1e-2])
-@pytest.mark.parametrize("name", ["position", "velocity"])
+@pytest.mark.every("height", [0.5, 0.7, 0.9, 0.95])
+@pytest.mark.every("noise", [0.0, 1e-3, 1e-2])
+@pytest.mark.every("name", ["position", "velocity"])
 def test_a_sensor_that_saturates_is_warned_of(height, noise, name):
     rng = np.random.default_rng(1)
     true = {"position": np.sin(2 * TIME), "velocity": 2 * np.cos(2 * TIME)}
@@ -105,8 +105,8 @@ def test_a_speed_that_its_sensor_cannot_show_is_warned_of():
     assert "'speed' stays at its extreme values for up to 2" in one  # from 1.46 s on
 
 
-@pytest.mark.parametrize("noise", [0.0, 1e-2])
-@pytest.mark.parametrize("resolution", [0.0, 1e-2])
+@pytest.mark.every("noise", [0.0, 1e-2])
+@pytest.mark.every("resolution", [0.0, 1e-2])
 def test_a_sensor_that_saturates_from_the_first_row_on_is_warned_of(noise, resolution):
     """A wheel that slows down from 10 rad/s, of which its tachometer shows up to 6; it is there but once."""
     pulled = 10.0 * np.exp(-TIME / 5.0) + np.sin(3 * TIME)
@@ -118,8 +118,8 @@ def test_a_sensor_that_saturates_from_the_first_row_on_is_warned_of(noise, resol
     assert said(force=pulled, position=woken) == []
 
 
-@pytest.mark.parametrize("height", [-4.5, -3.0, 2.0])
-@pytest.mark.parametrize("resolution", [1e-3, 1e-2, 2e-2])
+@pytest.mark.every("height", [-4.5, -3.0, 2.0])
+@pytest.mark.every("resolution", [1e-3, 1e-2, 2e-2])
 def test_a_coarse_sensor_that_saturates_most_of_the_time_is_warned_of(height, resolution):
     speed = np.round(5.0 * np.sin(2 * TIME) / resolution) * resolution
     limit = np.round(height / resolution) * resolution
@@ -162,8 +162,8 @@ def wrapping(model=RIG, name="position", **signals) -> list[str]:
     return [one for one in found if "wraps" in one and f"column {name!r}" in one]
 
 
-@pytest.mark.parametrize("period", [0.5, 4096.0])
-@pytest.mark.parametrize("back", [False, True])
+@pytest.mark.every("period", [0.5, 4096.0])
+@pytest.mark.every("back", [False, True])
 def test_a_counter_that_wraps_is_suspected_and_nothing_else(period, back):
     """Also where it goes to and fro; a jump of a sensor's zero and a plain motion are none."""
     true = period * (3.0 * np.sin(0.3 * TIME) if back else 0.2 * TIME)

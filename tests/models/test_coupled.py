@@ -88,7 +88,7 @@ def reference(start, extra, force=FORCE):
 START = (0.1, 0.4, 0.3, -0.5)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("effects", "extra"),
     [
         ({"constant_force": {"force": 2.0}}, lambda t, x, v, a, w: (2.0, 0.0)),
@@ -109,7 +109,7 @@ def test_both_masses_move_as_scipy_says(effects, extra):
     np.testing.assert_allclose(simulated(Trolley(), START, effects), reference(START, extra), atol=1e-3)
 
 
-@pytest.mark.parametrize("effect", ["coulomb_friction", "stribeck_friction"])
+@pytest.mark.every("effect", ["coulomb_friction", "stribeck_friction"])
 def test_what_friction_holds_swings_the_other_about_it(effect):
     """The trolley stands: the angle swings by its own inertia alone, whatever the force."""
     values = {"force": 40.0} | ({"velocity": 0.1} if effect == "stribeck_friction" else {})
@@ -154,7 +154,7 @@ def test_a_step_of_ones_own_is_pushed_at_both_ends():
     np.testing.assert_allclose(held[:, 1], 0.3 * np.cos(np.sqrt(SPRING / LIGHT) * TIME), atol=0.01)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("also", "says"),
     [
         ({"ratio": "swing"}, "no other state 'ratio' .did you mean 'rate'"),

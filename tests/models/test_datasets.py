@@ -112,7 +112,7 @@ def test_a_model_that_needs_another_signal_says_so(public_data):
         open_recording("quarter_drone/steps", get_model("pendulum"))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("name", "note", "episodes"),
     [
         (
@@ -189,7 +189,7 @@ def test_a_download_of_other_content_is_refused(published, tmp_path):
     assert not list((tmp_path / "cache").rglob("*.csv"))
 
 
-@pytest.mark.parametrize("source", ["dfki_simple_pendulum/dpd", "quarter_drone"])
+@pytest.mark.every("source", ["dfki_simple_pendulum/dpd", "quarter_drone"])
 def test_a_misspelt_name_is_guessed(source):
     with pytest.raises(DatasetError, match=r"did you mean|known:"):
         open_recording(source)

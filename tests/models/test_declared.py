@@ -37,7 +37,7 @@ def test_rows_share_the_memory_of_their_vectors():
     assert as_rows(vectors[0], ROW).shape == ()
 
 
-@pytest.mark.parametrize("shape", [(4,), (2, 6), ()])
+@pytest.mark.every("shape", [(4,), (2, 6), ()])
 def test_a_vector_of_another_length_is_refused(shape):
     with pytest.raises(ModelError, match="has 5 numbers"):
         as_rows(np.zeros(shape), ROW)

@@ -80,7 +80,7 @@ def test_never_shorter_than_the_straight_line_or_the_turn_and_nearly_straight_wh
     assert dubins_lengths(starts, goals, 1e-6) == pytest.approx(straight, abs=1e-4)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("start", "goal", "length"),
     [
         ((0, 0, 1.0), (0, 0, 1.0), 0.0),
@@ -162,7 +162,7 @@ def test_bad_input_is_named():
 
 
 def test_the_example_of_the_page_runs(capsys):
-    page = Path(__file__).parents[2] / "docs" / "pose_reaching_physics.md"
+    page = Path(__file__).parents[2] / "docs" / "pose_reaching.md"
     (code,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
     exec(compile(code, page.name, "exec"), {"__name__": "example"})
     word, length, *_ = capsys.readouterr().out.split()

@@ -18,7 +18,7 @@ def side_by_side(x, which):
     return out
 
 
-@pytest.mark.parametrize("size", [1e-300, 1e-8, 0.1, 1.0, 1.6, 3.2, 100.0, 1e4, 1e6])
+@pytest.mark.every("size", [1e-300, 1e-8, 0.1, 1.0, 1.6, 3.2, 100.0, 1e4, 1e6])
 def test_equal_to_the_c_library(size):
     near_zeros = np.arange(-300, 300) * (math.pi / 2) * min(1.0, size / 500.0)
     x = np.concatenate(

@@ -145,14 +145,14 @@ def relative_error(found: np.ndarray, expected: np.ndarray) -> np.ndarray:
     return np.asarray(by_kind(found - expected) / by_kind(expected))
 
 
-@pytest.mark.parametrize(("name", "mode"), [("soft", 0), ("soft", 1), ("soft", 2), ("table1", 2)])
+@pytest.mark.every(("name", "mode"), [("soft", 0), ("soft", 1), ("soft", 2), ("table1", 2)])
 def test_the_kernel_agrees_with_first_principles(name: str, mode: int) -> None:
     expected = reference_signals(PRESETS[name], mode, 50)
     fine = simulate(PRESETS[name], motion(64)[: 50 * 64 + 1], ARM.row(), SAMPLE, 64)[0, mode]
     assert (relative_error(fine, expected) < 2e-5).all()
 
 
-@pytest.mark.parametrize(("name", "turning"), [("table1", 0.02), ("soft", 0.0005)])
+@pytest.mark.every(("name", "turning"), [("table1", 0.02), ("soft", 0.0005)])
 def test_the_stated_error_of_the_usual_step(name: str, turning: float) -> None:
     """Within 0.1 % of a reference 16 times finer; of angular accelerations on Table I's dampers 2 %."""
     usual = simulate(PRESETS[name], motion(), ARM.row(), SAMPLE)[0]
@@ -163,8 +163,8 @@ def test_the_stated_error_of_the_usual_step(name: str, turning: float) -> None:
         assert (np.delete(error, TURNING // 3) < 1e-3).all()
 
 
-@pytest.mark.parametrize("substeps", [1, 4])
-@pytest.mark.parametrize("name", ["table1", "soft"])
+@pytest.mark.every("substeps", [1, 4])
+@pytest.mark.every("name", ["table1", "soft"])
 def test_a_x_is_f_to_rounding_whatever_the_step(name: str, substeps: int) -> None:
     signals = simulate(PRESETS[name], motion(substeps), ARM.row(), SAMPLE, substeps)[0]
     a, f = regressor(signals.transpose(1, 0, 2))
@@ -172,7 +172,7 @@ def test_a_x_is_f_to_rounding_whatever_the_step(name: str, substeps: int) -> Non
     assert (np.abs(a @ PRESETS[name] - f) <= 1e-12 * (size + np.abs(f))).all()
 
 
-@pytest.mark.parametrize("mode", [0, 1, 2])
+@pytest.mark.every("mode", [0, 1, 2])
 def test_each_mode_turns_about_its_own_axis(mode: int) -> None:
     signals = simulate(SOFT, motion(), ARM.row(), SAMPLE)[0, mode]
     torque = np.abs(signals[:, TORQUE : TORQUE + 3]).max(axis=0)
@@ -197,8 +197,8 @@ def test_a_new_pose_of_the_arm_ends_in_static_balance() -> None:
     assert np.abs(angle).max() > 0.01
 
 
-@pytest.mark.parametrize("size", [0.3, 1.2])
-@pytest.mark.parametrize(("beside", "places"), [(1, 1), (3, 5), (5, 5)])
+@pytest.mark.every("size", [0.3, 1.2])
+@pytest.mark.every(("beside", "places"), [(1, 1), (3, 5), (5, 5)])
 def test_modes_side_by_side_are_those_one_by_one(size: float, beside: int, places: int) -> None:
     """To the bit, for small turns and, on weak springs, for large ones; places may be left over."""
     weak = SOFT.copy()
@@ -245,7 +245,7 @@ def energy(x: np.ndarray, signals: np.ndarray) -> np.ndarray:
     return np.asarray(0.5 * (kinetic + (x[16:19] * r**2).sum(1) + (x[19:22] * theta**2).sum(1)))
 
 
-@pytest.mark.parametrize("name", ["table1", "soft"])
+@pytest.mark.every("name", ["table1", "soft"])
 def test_energy_decays_without_forcing(name: str) -> None:
     state = np.zeros(STATE)
     state[VELOCITY : VELOCITY + 3] = [0.05, -0.03, 0.04]
@@ -274,7 +274,7 @@ def test_a_batch_is_equal_to_the_bit() -> None:
         assert (simulate(vehicles[k], motion(), ARM.row(), SAMPLE)[0] == together[k]).all()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.2])
+@pytest.mark.every("share", [0.0, 0.2])
 def test_a_run_in_pieces_is_the_run(share: float) -> None:
     """On firm ground and on soft, which goes on passing on what it was loaded with."""
     vehicle = ExcitationModel("soft").vector(effects={"soil_compliance": {"share": share}})
@@ -287,7 +287,7 @@ def test_a_run_in_pieces_is_the_run(share: float) -> None:
     assert pieces == pytest.approx(whole, abs=1e-12)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     "effects",
     [
         {"payload": {"mass": 0.05}},

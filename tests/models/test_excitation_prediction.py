@@ -61,7 +61,7 @@ def midway():
     return situation(shakers.observe()), predictor
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("preset", "noise", "estimator", "variant", "limit"),
     [
         ("table1", "full_scale", "compensated", "full", 0.5),

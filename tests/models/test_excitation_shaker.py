@@ -257,7 +257,7 @@ def measured(vehicles, gravity, history, signals):
     compensate(gravity, signals)
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.002, 0.005, 0.0125, 0.2])
+@pytest.mark.every("delay", [0.0, 0.002, 0.005, 0.0125, 0.2])
 def test_delay_goes_on_from_decision_to_decision(delay):
     """Of turns that are zero until the start, then cubics: what lies between samples is exact."""
     time = SAMPLE * np.arange(1, 3 * SAMPLES + 1)
@@ -307,7 +307,7 @@ def test_before_the_first_decision_the_prior_is_known():
     assert 0.0 < shaken.bits.sum() < 22 * 0.2
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("options", "message"),
     [
         ({"batch": 0}, "at least one"),

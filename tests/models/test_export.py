@@ -60,7 +60,7 @@ def _log(model, seed: int = 3, n: int = 300, step: float = 0.01) -> Recording:
     return Recording(time, signals, {}, source="made here")
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("name", "hold"),
     [("rig", "held"), ("pendulum", "interpolated"), ("propeller_arm", "held"), ("servo", "held")],
 )

@@ -59,16 +59,14 @@ def test_figure_2_11_filter_diverges_above_its_bound():
     assert rates[1][1] > 10 * rates[0][1]
 
 
-@pytest.mark.parametrize(
-    ("decay", "error"), [(33, 9.98), (283, 0.197), (333, 0.0011), (383, 0.143), (983, 0.73)]
-)
+@pytest.mark.every(("decay", "error"), [(33, 9.98), (283, 0.197), (333, 0.0011), (383, 0.143), (983, 0.73)])
 def test_figure_2_12_best_decay_is_333(decay, error):
     # The figure's minimum; the values are this model's own, as is the reason: see the next test.
     assert silent_error(decay) == pytest.approx(error, rel=0.06)
 
 
-@pytest.mark.parametrize("step", [0.001, 0.002, 0.004])
-@pytest.mark.parametrize("sensor", [0.3, 1.0])
+@pytest.mark.every("step", [0.001, 0.002, 0.004])
+@pytest.mark.every("sensor", [0.3, 1.0])
 def test_best_decay_is_two_thirds_of_the_sampling_rate(step, sensor):
     # The filter's lag 1 / S_FD - dt cancels Euler-Cromer's lead of half a step: no optimum of noise.
     best = 2 / (3 * step)
@@ -114,7 +112,7 @@ def test_ranger_is_the_model_based_estimator_with_the_sensor_alone():
     assert ours == pytest.approx(np.abs(walks.estimator_mm[:, 1]).mean(), rel=1e-3)
 
 
-@pytest.mark.parametrize(("kind", "floor", "margin"), [("low_pass", 0.0, 0.9), ("ar1", 0.004, 0.5)])
+@pytest.mark.every(("kind", "floor", "margin"), [("low_pass", 0.0, 0.9), ("ar1", 0.004, 0.5)])
 def test_kalman_filter_beats_every_fixed_gain_where_it_is_matched(kind, floor, margin):
     # Section 2.3.4 sets it aside untried. The gains are even tuned on the walks that score them.
     grid = [

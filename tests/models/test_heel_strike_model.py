@@ -60,8 +60,8 @@ def best_states(windows: Windows, vector: FloatArray) -> Windows:
     return windows
 
 
-@pytest.mark.parametrize("horizon", MODEL.horizons)
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.every("horizon", MODEL.horizons)
+@pytest.mark.every("effect", EFFECTS)
 def test_prediction_in_the_true_reality_is_exact(effect, horizon):
     reality = Reality(effects={effect: EFFECTS[effect]})
     windows = MODEL.windows(walk(reality=reality), horizon)
@@ -80,7 +80,7 @@ def test_closure_does_not_see_the_process_torque():
     assert error[2] < 2e-4
 
 
-@pytest.mark.parametrize("effect", EFFECTS)
+@pytest.mark.every("effect", EFFECTS)
 def test_a_long_turn_shows_what_turns_the_gyro_steadily(effect):
     """Six strides add a bias up; a gain and a delay do not show, nor does any force."""
     reality = Reality(effects={effect: EFFECTS[effect]})

@@ -16,7 +16,7 @@ from fieldmodels.machines.line_following.tracks import (
 from fieldmodels.model import ModelError
 
 
-@pytest.mark.parametrize("name", TRACKS)
+@pytest.mark.every("name", TRACKS)
 def test_points_are_evenly_spaced_and_tangents_follow_them(name):
     track = TRACKS[name]()
     points = np.vstack([track.points, track.points[:1]]) if track.closed else track.points
@@ -95,7 +95,7 @@ def test_own_polyline_is_smooth_and_keeps_its_corners(tmp_path):
     assert np.isclose(track.length, 10 * math.pi, rtol=1e-4)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("content", "message"),
     [
         ("x,z\n1,2\n", "column 'y' is missing"),

@@ -69,7 +69,7 @@ def test_a_curve_runs_from_one_value_of_its_variable_to_another_in_its_unit():
     assert units["gain_over_voltage.low"] == "V"
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("unit", "name"), [("N", "force"), ("N m", "torque"), ("Nm", "torque"), ("W", "rate"), ("", "rate")]
 )
 def test_a_force_is_named_by_its_unit(unit, name):

@@ -99,7 +99,7 @@ def reference(start, extra, push=PUSH):
     return np.array(out)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("effects", "extra"),
     [
         ({}, lambda x, v, a, w: (0.0, 0.0)),

@@ -124,7 +124,7 @@ MISTAKES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.every("mistake", MISTAKES)
 def test_a_mistake_is_one_message_with_its_line(tmp_path, mistake):
     body, message, line = MISTAKES[mistake]
     with pytest.raises(ModelError, match=message) as raised:
@@ -177,7 +177,7 @@ LACKS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("lack", LACKS)
+@pytest.mark.every("lack", LACKS)
 def test_what_numba_lacks_is_said_once_in_words(tmp_path, lack):
     body, message, line = LACKS[lack]
     machine = load_model_file(str(written(tmp_path, body)))
@@ -204,7 +204,7 @@ FINE = {
 }
 
 
-@pytest.mark.parametrize("form", [form for form in FINE if form != "names at hand"])
+@pytest.mark.every("form", [form for form in FINE if form != "names at hand"])
 @pytest.mark.filterwarnings("error")
 def test_what_is_no_mistake_compiles(tmp_path, form):
     machine = load_model_file(str(written(tmp_path, FINE[form])))
@@ -290,7 +290,7 @@ WORDS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("word", WORDS)
+@pytest.mark.every("word", WORDS)
 def test_functions_of_a_number(word):
     """Compiled, against NumPy's own."""
     function, at = WORDS[word]

@@ -58,7 +58,7 @@ def test_a_vector_holds_base_then_effects_in_the_order_of_names():
     assert cart.slice_of("periodic_force") == slice(1, 3)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("base", "effects", "message"),
     [
         ({"maas": 1.0}, {}, "did you mean 'mass'"),
@@ -101,7 +101,7 @@ def test_a_reality_comes_from_nothing_a_mapping_or_a_file(tmp_path):
     np.testing.assert_array_equal(read_reality(path, cart).vector(cart), from_mapping.vector(cart))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("content", "message"),
     [
         ("model: ship\neffects: {}\n", "made for model 'ship', not for 'cart'"),

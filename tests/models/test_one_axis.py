@@ -75,7 +75,7 @@ def nominal_rest(model):
     return 0.0626, lambda x, v: -1.0 * np.sin(x)
 
 
-@pytest.mark.parametrize(("name", "effect"), EFFECTS)
+@pytest.mark.every(("name", "effect"), EFFECTS)
 def test_an_effect_changes_the_output_and_its_neutral_values_do_not(name, effect):
     model = bench(name)
     command = wave(model)
@@ -95,7 +95,7 @@ def test_an_effect_changes_the_output_and_its_neutral_values_do_not(name, effect
     np.testing.assert_array_equal(run(model, command, {effect: values}), nominal)
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_a_row_of_a_batch_equals_the_same_simulation_alone_to_the_bit(name):
     model = bench(name)
     data = synthesise(model, None, "swing", duration=3.0, amplitude=0.1, rng=np.random.default_rng(0))
@@ -109,7 +109,7 @@ def test_a_row_of_a_batch_equals_the_same_simulation_alone_to_the_bit(name):
         np.testing.assert_array_equal(alone[:, 0], together[:, w])
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_mirrored_commands_give_mirrored_motion(name):
     model = bench(name)
     command = wave(model)
@@ -127,8 +127,8 @@ def test_mirrored_commands_give_mirrored_motion(name):
     np.testing.assert_allclose(run(model, -command, effects), -run(model, command, effects), atol=1e-14)
 
 
-@pytest.mark.parametrize("name", BENCHES)
-@pytest.mark.parametrize("delay", [0.03, 0.0237])
+@pytest.mark.every("name", BENCHES)
+@pytest.mark.every("delay", [0.03, 0.0237])
 def test_a_delay_shifts_the_response_and_sensor_delay_shows_the_velocity_in_time(name, delay):
     model = bench(name)
     command = np.concatenate([np.zeros(20), wave(model, 200)])
@@ -144,8 +144,8 @@ def test_a_delay_shifts_the_response_and_sensor_delay_shows_the_velocity_in_time
     np.testing.assert_allclose(seen[:, 1] / scale[1], prompt[::100, 1] / scale[1], atol=3e-6)
 
 
-@pytest.mark.parametrize("name", BENCHES)
-@pytest.mark.parametrize(
+@pytest.mark.every("name", BENCHES)
+@pytest.mark.every(
     "effects",
     [
         {"actuator_delay": {"delay": 0.0137}},
@@ -168,7 +168,7 @@ def test_a_window_remembers_the_commands_before_it(name, effects):
     np.testing.assert_allclose(got, whole[100:], atol=1e-9 * np.abs(whole).max())
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_window_states_are_what_the_sensors_show(name):
     model = bench(name)
     command = wave(model)
@@ -178,7 +178,7 @@ def test_window_states_are_what_the_sensors_show(name):
         assert out[0, 0] == pytest.approx(0.05, abs=1e-12), effect
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_coulomb_friction_holds_and_slides(name):
     model = bench(name)
     f = model.forces[0].name
@@ -194,7 +194,7 @@ def test_coulomb_friction_holds_and_slides(name):
     np.testing.assert_array_equal(released[-1], released[-100])
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_sampling_finer_does_not_change_coulomb_motion(name):
     model = bench(name)
     f = model.forces[0].name
@@ -206,7 +206,7 @@ def test_sampling_finer_does_not_change_coulomb_motion(name):
     np.testing.assert_allclose(coarse / scale, fine / scale, atol=1e-3)
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_hysteresis_remembers_the_path_before_a_window(name):
     model = bench(name)
     command = wave(model)
@@ -229,7 +229,7 @@ def test_hysteresis_remembers_the_path_before_a_window(name):
     np.testing.assert_allclose(got / scale, whole[100:] / scale, atol=5e-3)
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_stribeck_friction_holds_and_is_coulomb_friction_where_its_speed_is_never_reached(name):
     model = bench(name)
     f = model.forces[0].name
@@ -242,7 +242,7 @@ def test_stribeck_friction_holds_and_is_coulomb_friction_where_its_speed_is_neve
     np.testing.assert_array_equal(slow, run(model, command, {"coulomb_friction": {f: 0.2 * size}}))
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_friction_that_differs_by_direction_is_coulomb_friction_with_a_constant_force(name):
     """So the library has no effect of its own for it; here it is integrated for itself, with sticking."""
     model = bench(name)
@@ -273,7 +273,7 @@ def test_friction_that_differs_by_direction_is_coulomb_friction_with_a_constant_
     assert np.sum(fine[:, 1] == 0.0) > 10
 
 
-@pytest.mark.parametrize("name", BENCHES)
+@pytest.mark.every("name", BENCHES)
 def test_initial_states_are_close_with_and_without_a_velocity_sensor(name):
     model = bench(name)
     rng = np.random.default_rng(3)

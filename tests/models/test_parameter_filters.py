@@ -185,7 +185,7 @@ def test_the_sums_are_those_of_averaged_rows():
 
 
 @pytest.mark.parametrize("vehicle", [TABLE1, SOFT], ids=["table1", "soft"])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.every("method", METHODS)
 def test_exact_data_give_the_truth(vehicle, method):
     truth, _ = shaken(vehicle, seed=1, decisions=10)
     filters = make(methods=(method,))

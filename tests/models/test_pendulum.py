@@ -37,7 +37,7 @@ def test_energy_without_friction_is_conserved():
     np.testing.assert_allclose(energy, energy[0], atol=1e-6)
 
 
-@pytest.mark.parametrize("angle", [0.01, 1.0, 2.5])
+@pytest.mark.every("angle", [0.01, 1.0, 2.5])
 def test_the_period_is_the_elliptic_integral_and_at_small_angles_the_root_of_inertia_over_moment(angle):
     exact = 4 * np.sqrt(0.0626 / 1.0) * ellipk(np.sin(angle / 2) ** 2)
     assert period(angle) == pytest.approx(exact, rel=1e-5)

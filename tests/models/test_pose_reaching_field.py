@@ -41,7 +41,7 @@ def wrapped(angle):
     return (angle + math.pi) % (2 * math.pi) - math.pi
 
 
-@pytest.mark.parametrize("starts", ["T1", "T2", "T3"])
+@pytest.mark.every("starts", ["T1", "T2", "T3"])
 def test_starts_are_where_the_page_says(starts):
     x, y, heading = make(4000, starts=starts).observe().poses.T
     assert np.abs(x).max() <= 2.5
@@ -98,7 +98,7 @@ def test_what_is_seen_is_the_pose():
     np.testing.assert_allclose(number(tick, "dubins_length"), lengths, rtol=1e-12)
 
 
-@pytest.mark.parametrize("tick", [0.05, 0.1, 0.17])
+@pytest.mark.every("tick", [0.05, 0.1, 0.17])
 def test_driving_over_the_ball_the_right_way_is_arrival_whatever_the_tick(tick):
     robots = make(poses=(0.0, -0.503, math.pi / 2), tick=tick)
     ticks = 1
@@ -111,9 +111,7 @@ def test_driving_over_the_ball_the_right_way_is_arrival_whatever_the_tick(tick):
     assert ticks == math.ceil(time / tick)
 
 
-@pytest.mark.parametrize(
-    ("angle", "arrives"), [(8, True), (-8, True), (12, False), (-12, False), (170, False)]
-)
+@pytest.mark.every(("angle", "arrives"), [(8, True), (-8, True), (12, False), (-12, False), (170, False)])
 def test_the_heading_must_be_right(angle, arrives):
     heading = math.radians(90 + angle)
     start = (-0.3 * math.cos(heading), -0.3 * math.sin(heading), heading)
@@ -125,7 +123,7 @@ def test_the_heading_must_be_right(angle, arrives):
     assert any(t.success[0] for t in ticks) == (abs(angle) < 15)
 
 
-@pytest.mark.parametrize(("offset", "arrives"), [(0.049, True), (0.051, False)])
+@pytest.mark.every(("offset", "arrives"), [(0.049, True), (0.051, False)])
 def test_the_distance_must_be_right(offset, arrives):
     robots = make(poses=(offset, -0.3, math.pi / 2))
     assert any(robots.advance(command(robots, 1.0, 0.0)).success[0] for _ in range(6)) == arrives
@@ -213,42 +211,6 @@ EFFECTS = {
     "heading_bias": {"angle": 0.1},
     "parameter_step": {"time": 1.5, "factor": 0.8},
 }
-NEAR = {"actuator_lag", "actuator_rate_limit", "actuator_delay", "parameter_step"}
-"""Not equal: what changes between instants, or within a step of the recording, is averaged over it."""
-
-
-@pytest.mark.parametrize("names", [*[(name,) for name in EFFECTS], tuple(EFFECTS)], ids="+".join)
-def test_effects_move_the_robot_as_the_model_of_the_diagnosis_does(names):
-    """Two implementations, one from instant to instant, one in closed form along a recording."""
-    reality = {name: EFFECTS[name] for name in names}
-    assert set(EFFECTS) == {effect.name for effect in MODEL.effects}
-    draw = np.random.default_rng(1)
-    ticks, step = 30, 0.1
-    speeds, rates = draw.uniform(0.1, 0.6, ticks), draw.uniform(-2, 2, ticks)
-    speeds[:5] = rates[:5] = 0.0  # the wheels stand before the first sample
-    robots = make(poses=(-0.5, -0.6, 0.4), reality=reality, tick=step, timeout=1e3)
-    poses = [robots.observe().poses[0]]
-    for speed, rate in zip(speeds, rates, strict=True):
-        poses.append(robots.advance(command(robots, speed, rate)).poses[0])
-    recording = Recording(
-        source="play",
-        time=np.arange(ticks + 1) * step,
-        signals={
-            "speed": np.append(speeds, 0.0),
-            "turn_rate": np.append(rates, 0.0),
-            **dict(zip(("x", "y", "heading"), np.array(poses).T, strict=True)),
-        },
-    )
-    windows = MODEL.windows(recording, (ticks + 1) * step)
-    expected = MODEL.simulate(MODEL.vector(effects=reality), windows)[0, 0, :, :3]
-    expected[:, 2] = wrapped(expected[:, 2])
-    error = np.array(poses) - expected
-    error[:, 2] = wrapped(error[:, 2])
-    assert np.abs(error).max() < (1e-3 if NEAR & set(names) else 2e-6)
-    nominal = make(poses=(-0.5, -0.6, 0.4), tick=step, timeout=1e3)
-    for speed, rate in zip(speeds, rates, strict=True):
-        last = nominal.advance(command(nominal, speed, rate))
-    assert np.abs(last.poses[0] - poses[-1]).max() > 0.02
 
 
 def test_effects_of_no_size_change_nothing():
@@ -310,7 +272,7 @@ def test_snapshots_are_exact_and_checked():
         make(3).set_state(state)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("act", "message"),
     [
         (lambda: Robots(0), "at least one"),

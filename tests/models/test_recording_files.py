@@ -121,7 +121,7 @@ def test_a_failed_save_leaves_the_old_file(tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["r.csv"]
 
 
-@pytest.mark.parametrize("name", ["t", "episode", "", " x", 'a"b', "a\nb"])
+@pytest.mark.every("name", ["t", "episode", "", " x", 'a"b', "a\nb"])
 def test_a_name_that_no_header_carries_is_refused(tmp_path, name):
     with pytest.raises(RecordingError, match="cannot be named"):
         save_recording(Recording(np.arange(3.0), {name: np.arange(3.0)}), tmp_path / "r.csv")
@@ -153,7 +153,7 @@ def test_a_column_named_with_a_colon_is_taken_by_its_name(write):
     assert load_recording(path, columns={"angle": "angle:deg"})["angle"][1] == 2
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     "text",
     [
         "\ufefft,x\n0,1\n0.5,2\n",
@@ -161,7 +161,6 @@ def test_a_column_named_with_a_colon_is_taken_by_its_name(write):
         't,"x"\n0,"1"\n0.5,2',
         "t,x\n0,1\n\n0.5,2\n\n",
     ],
-    ids=["byte order mark", "spaces and CRLF", "quotes", "blank lines"],
 )
 def test_harmless_varieties_of_csv_are_read(write, text):
     loaded = load_recording(write(text))
@@ -197,7 +196,7 @@ def test_a_wrong_mapping_is_reported(write):
     refused(path, "declared for two signals", columns={"force": "position"})
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("text", "parts"),
     [
         ("", ["empty"]),
@@ -215,7 +214,7 @@ def test_files_without_header_or_rows(write, text, parts):
 # Cells
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("cell", "part"),
     [
         ("high", "'high' is not a number"),
@@ -395,7 +394,7 @@ def test_an_excerpt_keeps_whole_stretches_of_every_part():
     assert whole.excerpt(100_000) is whole
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("unit", "scale"),
     [("rpm", 60 / (2 * np.pi)), ("rev/s", 1 / (2 * np.pi)), ("mrad/s", 1e3), ("deg/s", 57.3)],
 )
@@ -438,7 +437,7 @@ def test_a_position_in_millimetres_is_suspected(write):
 # Files that are not what they seem
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("content", "part"),
     [
         (b"\x00\x01\x02\x03" * 100, "binary file"),
@@ -458,7 +457,7 @@ def test_binary_content_after_a_good_start(write):
     refused(write(text + bytes(range(1, 256)) * 10), "row 20002")
 
 
-@pytest.mark.parametrize("content", [b"", b"t,x\n0,1\n", b"PAR1" + b"\x00" * 50 + b"PAR1"])
+@pytest.mark.every("content", [b"", b"t,x\n0,1\n", b"PAR1" + b"\x00" * 50 + b"PAR1"])
 def test_broken_parquet(write, content):
     refused(write(content, "log.parquet"), "not a readable Parquet file")
 
@@ -471,7 +470,7 @@ def test_damaged_parquet_pages(write, tmp_path):
     refused(write(bytes(data), "log.parquet"), "damaged data")
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@pytest.mark.every("suffix", [".csv", ".parquet"])
 def test_a_damaged_file_is_read_or_refused_and_nothing_else(tmp_path, suffix):
     """Bytes changed, cut out, put in: never another exception than the one that names the file."""
     rng = np.random.default_rng(5)

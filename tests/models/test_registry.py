@@ -9,7 +9,7 @@ from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model, model_names
 
 
-@pytest.mark.parametrize("name", model_names())
+@pytest.mark.every("name", model_names())
 def test_a_model_goes_by_the_name_of_its_file_or_folder(name):
     assert get_model(name).name == name
 

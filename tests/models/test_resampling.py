@@ -50,7 +50,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "jitter", "missing", "note"), CASES)
+@pytest.mark.every(("kind", "jitter", "missing", "note"), CASES)
 def test_the_even_grid_shows_the_truth_with_no_more_noise_than_the_sensor_s(kind, jitter, missing, note):
     log, truth = logged(kind, jitter, missing, seed=3)
     result = evened(log, RIG)

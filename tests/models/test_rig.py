@@ -103,7 +103,7 @@ def test_a_disturbance_acts_like_the_command():
     np.testing.assert_allclose(acted, respond(push), atol=1e-15)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     "beside",
     [
         {"coulomb_friction": {"force": 1e-9}},

@@ -29,7 +29,7 @@ def drawn(sampler, count=20_000, seed=1, bounds=(-math.inf, math.inf)):
     return np.array([sampler.draw(rng, *bounds) for _ in range(count)])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("sampler", "bounds", "expected"),
     [
         (Uniform(-2.0, 3.0), (-10, 10), stats.uniform(-2, 5)),
@@ -110,7 +110,7 @@ def test_draws_stay_within_the_extremes(sampler, seed):
     assert low <= sampler.typical <= high
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("value", "words"),
     [
         ({"uniform": [1, 0]}, "gyro_bias.rate.*smaller end first"),
@@ -137,7 +137,7 @@ def test_bad_samplers_are_refused_by_name(value, words):
         read_reality({"gyro_bias": {"rate": value}}, MODEL)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     "reality", [{"gyro_bais": {"rate": Uniform(0, 0.1)}}, {"gyro_bias": {"rat": Uniform(0, 0.1)}}]
 )
 def test_unknown_names_are_refused(reality):
@@ -167,7 +167,7 @@ def test_a_reality_goes_through_a_file(tmp_path):
     )
 
 
-@pytest.mark.parametrize("kind", [np.random.PCG64, np.random.MT19937, np.random.Philox])
+@pytest.mark.every("kind", [np.random.PCG64, np.random.MT19937, np.random.Philox])
 def test_a_key_is_a_draw_of_64_bits_whatever_the_generator(kind):
     one, other = (np.random.Generator(kind(3)) for _ in range(2))
     for _ in range(5):

@@ -107,7 +107,7 @@ def test_choices_have_codes_and_ranges_have_words():
     }
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("wrong", "words"),
     [
         ({"torque": 6.0}, "torque must be greater than 0, at most 5 N m, not 6.0"),

@@ -15,7 +15,7 @@ def rng(seed=0):
     return np.random.default_rng(seed)
 
 
-@pytest.mark.parametrize("name", sorted(EXCITATIONS))
+@pytest.mark.every("name", sorted(EXCITATIONS))
 def test_excitations_have_their_length_and_peak_and_follow_the_seed(name):
     first, again, other = (excitation(name, 20.0, 0.01, rng(seed)) for seed in (1, 1, 2))
     assert first.shape == (2000,)
@@ -35,7 +35,7 @@ def test_the_recording_is_what_the_model_predicts_from_it_up_to_noise():
     assert (error < 1e-2 * measured.std(axis=(0, 1))).all()
 
 
-@pytest.mark.parametrize("coloured", [0.0, 0.5])
+@pytest.mark.every("coloured", [0.0, 0.5])
 def test_noise_has_the_stated_deviation_and_colour(coloured):
     rig = Rig()
     arguments = {"duration": 300.0, "amplitude": 8.0, "coloured": coloured}

@@ -140,7 +140,7 @@ def test_printed_heading_certifies_what_is_detected():
         assert simulate_plan(plan, ORIGIN, World(reading=reading)).verification.time_over < 60
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("arguments", "words"),
     [
         (([(0, 0)], ORIGIN), "start and a goal"),
@@ -161,7 +161,7 @@ def test_impossible_plans_are_refused(arguments, words):
 # flights
 
 
-@pytest.mark.parametrize("radars", [1, 4])
+@pytest.mark.every("radars", [1, 4])
 def test_flights_agree_with_the_plan_simulated(radars):
     """The same legs, once in a batch of flights, once as a plan: time, detection, timers, hit."""
     world = World(lock_loss=LockLoss(30.0, 60.0, 40.0))
@@ -185,7 +185,7 @@ def test_flights_agree_with_the_plan_simulated(radars):
             assert verification.survived
 
 
-@pytest.mark.parametrize("detection", ["deterministic", "stochastic"])
+@pytest.mark.every("detection", ["deterministic", "stochastic"])
 def test_a_batch_equals_flights_one_by_one_to_the_bit(detection):
     rules = Rules(World(detection=Detection(detection=detection)), radars=2)
     together = make(5, rules)
@@ -205,9 +205,9 @@ def test_a_batch_equals_flights_one_by_one_to_the_bit(detection):
     assert leg.observed.shape == (5, len(observed_names(2)))
 
 
-@pytest.mark.parametrize("engaged", ["accumulated", "unbroken", "elapsed"])
-@pytest.mark.parametrize("lock_loss", [{}, {"engage": 20.0}, {"lose": 5.0, "target": 0.0}, None])
-@pytest.mark.parametrize("threshold", [0.01, 0.1, 0.5])
+@pytest.mark.every("engaged", ["accumulated", "unbroken", "elapsed"])
+@pytest.mark.every("lock_loss", [{}, {"engage": 20.0}, {"lose": 5.0, "target": 0.0}, None])
+@pytest.mark.every("threshold", [0.01, 0.1, 0.5])
 def test_a_flight_past_radars_equals_one_scanned_step_by_step_to_the_bit(engaged, lock_loss, threshold):
     """A wind that moves nothing, not even the last bit, makes the kernel ask each radar at each step."""
     loss = INSTANT_KILL if lock_loss is None else LockLoss(engaged=engaged, **lock_loss)
@@ -336,7 +336,7 @@ def test_episodes_are_told_by_seed_and_number_alone():
 # layouts
 
 
-@pytest.mark.parametrize("radars", [1, 2, 3, 4])
+@pytest.mark.every("radars", [1, 2, 3, 4])
 def test_each_drawn_layout_has_a_safe_route(radars):
     for seed in range(60):
         layout = random_layout(np.random.default_rng(seed), radars)
@@ -382,7 +382,7 @@ def test_biased_position_shifts_what_is_seen():
     np.testing.assert_allclose(seen.places, [[353.0, 125.0]])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("effect", "values", "shown", "slant"),
     [
         ("signature_scale", {"factor": 1.6}, 0.8, 400.0),
@@ -420,7 +420,7 @@ def test_a_longer_scan_interval_makes_fewer_scans():
     assert [int(one.flights[0]["scans"]) for one in flights] == [40, 20]  # 50 km at 0.25 km/s
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("make_it", "words"),
     [
         (lambda: Flights(0), "at least one"),

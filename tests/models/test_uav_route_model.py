@@ -49,7 +49,7 @@ def test_model_is_registered():
     assert isinstance(get_model("uav_route"), UavRoute)
 
 
-@pytest.mark.parametrize("reality", REALITIES)
+@pytest.mark.every("reality", REALITIES)
 def test_prediction_equals_the_recorders_own_integration(reality):
     """Complex positions in 50 ms pieces against the kernel's pieces of legs, each window from its start."""
     recording = record(reality)
@@ -65,7 +65,7 @@ def test_prediction_equals_the_recorders_own_integration(reality):
         assert np.nanmax(np.abs(off)) > 0.1
 
 
-@pytest.mark.parametrize("reality", REALITIES)
+@pytest.mark.every("reality", REALITIES)
 def test_detections_come_with_the_probabilities_that_are_predicted(reality):
     """Drawn by the recorder from tables as NumPy interpolates them: residuals have mean 0 and variance 1.
 
@@ -84,7 +84,7 @@ def test_detections_come_with_the_probabilities_that_are_predicted(reality):
     assert abs(np.mean(score**2) - 1) < 3 * error
 
 
-@pytest.mark.parametrize("effect", [name for name in WATCHED if name != "scan_interval"])
+@pytest.mark.every("effect", [name for name in WATCHED if name != "scan_interval"])
 def test_detections_alone_tell_what_the_radar_sees(effect):
     """The likelihood of the right parameters exceeds the nominal one's by far, positions as they are."""
     recording = record_flight({effect: WATCHED[effect]}, 1000.0, episodes=6, rng=np.random.default_rng(6))

@@ -7,7 +7,7 @@ import pytest
 from fieldmodels.recording.units import UnitError, canonical, factor, known_units, si_unit, simplified
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("unit", "wanted", "expected"),
     [
         ("deg", "rad", pi / 180),
@@ -56,7 +56,7 @@ def test_every_unit_leads_to_one_of_factor_one():
             assert canonical(unit) == unit
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("written", "simple"),
     [
         ("rad/s^2 / (rad/s)", "1/s"), ("1/s^2 s", "1/s"), ("rad/s rad/s", "rad^2/s^2"), ("V V", "V^2"),

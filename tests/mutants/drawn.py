@@ -34,7 +34,7 @@ from cosmic_ray.plugins import get_operator, operator_names
 from table import ROOT
 
 PACKAGES = {"fieldmodels": "src", "fieldgym": "envs", "fieldagents": "agents", "exam": "tests", "papers": "."}
-PAGE = ROOT / "docs" / "mutants.md"
+PAGE = ROOT / run.PAGE
 HEADING = "## Drawn at random"
 
 
@@ -46,7 +46,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--budget", type=float, default=60.0)
-    parser.add_argument("--publish", action="store_true", help="write the section of docs/mutants.md")
+    parser.add_argument("--publish", action="store_true", help=f"write the section of {run.PAGE}")
     given = parser.parse_args()
     commit = subprocess.run(
         ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True

@@ -8,21 +8,16 @@ from typing import Any
 
 from table import Mutant
 
-PAGE = "docs/mutants.md"
+PAGE = "tests/mutants/killed.md"
 INTRODUCTION = """# Deliberate errors
 
-![Deliberate errors by part of the project; tests notice all of them](pictures/mutants.svg)
-
-A test suite is worth what it notices. `make mutants` puts {count} errors into a copy of the project, one at a
-time: a flipped sign, a dropped term, exchanged parameters, a wrong power, a step too early, a wrong bound.
-For each it runs the tests that ought to notice. An error counts as *killed* only if a test fails by an
-assertion; one by which the program merely falls over would prove nothing of the tests. No comparison with
-stored outputs takes part: each error is noticed by a property, a number from a source, or an independent
-computation.
+`make mutants` puts {count} errors into a copy of the project, one at a time, and runs the tests that ought to
+notice each. An error counts as *killed* only if a test fails by an assertion; comparisons with stored outputs
+take no part.
 
 **{killed} of {count} are killed.** One after the other, their tests took {minutes:.0f} minutes, compiling
-included. The tables lie in `tests/mutants/`; this page is written by `make mutants`. What `make test`
-alone notices is said by `python tests/mutants/run.py --quick`.
+included. The errors are listed in `tests/mutants/*.yaml`; this page is written by `make mutants`.
+`python tests/mutants/run.py --quick` says what `make test` alone notices.
 """
 
 

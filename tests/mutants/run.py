@@ -269,7 +269,7 @@ def main() -> None:
     parser.add_argument("--keep", action="store_true", help="keep results whose file and tests are unchanged")
     parser.add_argument("--fresh", action="store_true", help="forget the results of earlier runs")
     parser.add_argument("--quick", action="store_true", help="with the tests of `make test` alone")
-    parser.add_argument("--publish", action="store_true", help="write docs/mutants.md")
+    parser.add_argument("--publish", action="store_true", help=f"write {PAGE}")
     options = parser.parse_args()
     everything = read_mutants()
     mutants = [

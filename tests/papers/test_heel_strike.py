@@ -51,7 +51,7 @@ def test_the_period_is_that_of_the_elliptic_integral_and_of_a_small_swing():
     assert basics._period() == pytest.approx(2 * math.pi / math.sqrt(9.81) * (1 + 1 / (16 * 9.81)), rel=1e-3)
 
 
-@pytest.mark.parametrize(("decay", "error"), [(995.0, 0.99**200), (1005.0, 1.01**200)])
+@pytest.mark.every(("decay", "error"), [(995.0, 0.99**200), (1005.0, 1.01**200)])
 def test_the_filter_alone_grows_by_its_eigenvalue(decay, error):
     assert basics._filter_alone(decay)[0][199] == pytest.approx(error, rel=0.05)
 

@@ -1,6 +1,5 @@
 """The ledger of claims: the rule of its verdicts, resuming, one failing claim, and every claim's data."""
 
-import importlib.util
 import io
 import json
 import math
@@ -18,6 +17,7 @@ from fieldagents import task as tasks
 from fieldagents.cli import app
 from fieldmodels.code import files_reached
 from papers import ledger as books
+from papers import publish
 from papers import run as running
 from papers.claim import Claim, Decided, Ours, Statistic, at_least, at_most, judge, near, times
 from papers.pages import show_ledger
@@ -27,7 +27,7 @@ from papers.statistics import exact, mean_of, median_of, share_of
 CLAIMS = [(source, claim) for source in all_sources().values() for claim in source.claims.values()]
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("low", "high", "verdict"),
     [
         (9.5, 10.5, "reproduced"),
@@ -52,7 +52,7 @@ def test_bounds_and_their_words():
     assert Claim("x", ("here",), "it").condition == ""
 
 
-@pytest.mark.parametrize("bad", [(1, 2, 3), (math.nan, math.nan, math.nan), (0, -math.inf, 1)])
+@pytest.mark.every("bad", [(1, 2, 3), (math.nan, math.nan, math.nan), (0, -math.inf, 1)])
 def test_a_number_outside_its_interval_or_not_finite_is_refused(bad):
     with pytest.raises(ValueError, match="finite interval"):
         Statistic(*bad)
@@ -93,7 +93,7 @@ def test_intervals_cover():
         median_of([1, 2, 3, 4, 5])
 
 
-@pytest.mark.parametrize(("task", "claim"), CLAIMS, ids=[f"{t.name}-{c.name}" for t, c in CLAIMS])
+@pytest.mark.every(("task", "claim"), CLAIMS)
 def test_every_claim_names_what_decides_it_or_why_nothing_can(task, claim):
     assert claim.where
     assert claim.says.endswith(".")
@@ -112,13 +112,10 @@ def test_every_claim_names_what_decides_it_or_why_nothing_can(task, claim):
             TypeAdapter(running.get_type_hints(entry.run, include_extras=True)[option]).validate_python(value)
 
 
-def test_the_page_of_the_documentation_is_current():
-    """Renew with ``python docs/ledger.py``."""
-    folder = Path(__file__).parents[2] / "docs"
-    spec = importlib.util.spec_from_file_location("docs_ledger", folder / "ledger.py")
-    pages = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(pages)
-    assert (folder / "ledger.md").read_text() == pages.page()
+def test_the_pages_are_current():
+    """Renew with ``python -m papers.publish``."""
+    assert (publish.FOLDER / "ledger.md").read_text() == publish.page()
+    assert (publish.DOCS / "ledger.md").read_text() == publish.summary()
 
 
 FIGURES = {
@@ -131,7 +128,7 @@ FIGURES = {
 """Numbered figures and tables of each source that the ledger covers; a source enters with its last claim."""
 
 
-@pytest.mark.parametrize("task", FIGURES)
+@pytest.mark.every("task", FIGURES)
 def test_every_figure_and_table_is_in_the_ledger(task):
     listed = {place for claim in all_sources()[task].claims.values() for place in claim.where}
     assert not set(FIGURES[task]) - listed
@@ -244,7 +241,7 @@ def test_a_wide_table_is_cut_into_blocks_without_a_cut_word(tmp_path):
     assert result.stdout.count("damping_pitch") > 1  # each block begins with the first column
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("arguments", "words"),
     [
         (["--all", "heelstrike"], "did you mean 'heel_strike'"),

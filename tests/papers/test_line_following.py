@@ -14,7 +14,7 @@ from papers.line_following.photographs import peaks, photograph, side_sensors
 from papers.line_following.venues import law, walk
 
 
-@pytest.mark.parametrize("light", [1.0, 0.2])
+@pytest.mark.every("light", [1.0, 0.2])
 def test_a_photographed_chart_has_the_levels_of_the_robot_s_camera(light):
     """The compiled renderer against the chart's formula: tape, floor and the noise of each."""
     view = make_view(Camera(), lighting=Lighting(light=light))

@@ -18,7 +18,7 @@ def run(*arguments: object):
     return CliRunner().invoke(app, ["reproduce", *map(str, arguments)])
 
 
-@pytest.mark.parametrize("name", reproducible())
+@pytest.mark.every("name", reproducible())
 def test_every_entry_has_a_function_with_typed_options(name):
     entry = reproducible()[name]
     assert get_type_hints(entry.run)["return"] is Reproduction

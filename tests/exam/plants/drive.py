@@ -30,8 +30,6 @@ Sensor = Callable[[Pose, Pose, float], Pose]
 """(shown so far, true pose, time) to what is shown; called once a sample."""
 Control = Callable[[int, Pose], tuple[float, float]]
 """(sample, pose as shown a sample before) to speed and turn rate."""
-STEPS = 8
-"""Steps in a sample."""
 
 
 @dataclass
@@ -52,6 +50,9 @@ class Drive:
         late: By how much the shown pose is late at a time [s].
         sensors: What becomes of the shown pose.
         holds: Samples at which a new pose is shown (others repeat the last one); None for all.
+        across: Commanded speed to the left of an omnidirectional drive's third rim, by sample [m/s].
+        start: Where it stands at first.
+        steps: Steps in a sample.
     """
 
     radius: float
@@ -67,10 +68,13 @@ class Drive:
     late: Callable[[float], float] | None = None
     sensors: list[Sensor] = field(default_factory=list)
     holds: Callable[[int], bool] | None = None
+    across: Callable[[int], float] | None = None
+    start: Pose = (0.0, 0.0, 0.0)
+    steps: int = 8
 
 
 def simulate(drive: Drive, control: Control, noise: FloatArray, step: float) -> FloatArray:
-    """Run a drive from rest at the origin.
+    """Run a drive from rest.
 
     Args:
         drive: The drive, fresh: what remembers is used up.
@@ -89,10 +93,10 @@ class _Run:
     """One episode."""
 
     def __init__(self, drive: Drive, step: float) -> None:
-        self.drive, self.step, self.h = drive, step, step / STEPS
-        self.pose: Pose = (0.0, 0.0, 0.0)
-        self.speeds = [0.0, 0.0]
-        self.aims: list[tuple[float, float]] = []
+        self.drive, self.step, self.h = drive, step, step / drive.steps
+        self.pose = drive.start
+        self.speeds = [0.0, 0.0, 0.0]
+        self.aims: list[tuple[float, float, float]] = []
         self.path: list[Pose] = []
         self.travel = [0.0, 0.0]
 
@@ -104,12 +108,13 @@ class _Run:
             command = given = control(i, shown)
             for change in drive.commands:
                 given = change(*given, now)
-            self.aims.append((self._rim(given, -1.0, now), self._rim(given, 1.0, now)))
+            aside = self._rim((drive.across(i), 0.0), 0.0, now) if drive.across else 0.0
+            self.aims.append((self._rim(given, -1.0, now), self._rim(given, 1.0, now), aside))
             wheels = [way / self.step / drive.radius for way in self.travel]
             self.travel = [0.0, 0.0]
             self.path.append(self.pose)
             shown = self._shown(i, now, errors, shown)
-            for s in range(STEPS):
+            for s in range(drive.steps):
                 if s:
                     self.path.append(self.pose)
                 self._advance(now + s * self.h)
@@ -153,7 +158,8 @@ class _Run:
         k, m = math.floor(begin), math.floor(end)
         aim = self.aims[k][side] if k >= 0 else 0.0
         if m > k:
-            aim += (self.aims[m][side] - aim) * (end - m) / (end - begin)
+            after = self.aims[m][side] if m >= 0 else 0.0
+            aim += (after - aim) * (end - m) / (end - begin)
         before, lag = self.speeds[side], drive.lag
         if drive.fall is not None and abs(aim) < abs(before):
             lag = drive.fall
@@ -172,7 +178,8 @@ class _Run:
         left, right = self._mean(0, now), self._mean(1, now)
         self.travel[0] += left * self.h
         self.travel[1] += right * self.h
-        motion: Motion = (0.5 * (left + right), 0.0, (right - left) / self.drive.track)
+        aside = self._mean(2, now) if self.drive.across else 0.0
+        motion: Motion = (0.5 * (left + right), aside, (right - left) / self.drive.track)
         x, y, heading = self.pose
         halfway = x, y, heading + 0.5 * motion[2] * self.h
         for change in self.drive.ground:

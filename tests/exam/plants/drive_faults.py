@@ -79,14 +79,18 @@ def _yaw_slip(drive: Drive, values: Values) -> None:
 
 def _sideways(drive: Drive, values: Values) -> None:
     size = values["coefficient"]
-    drive.ground.append(
-        lambda motion, _pose, _t: (motion[0], motion[1] - size * motion[0] * motion[2], motion[2])
-    )
+
+    def slip(motion: Motion, _pose: Pose, _t: float) -> Motion:
+        ahead = motion[0] + size * motion[1] * motion[2] if drive.across else motion[0]
+        return ahead, motion[1] - size * motion[0] * motion[2], motion[2]
+
+    drive.ground.append(slip)
 
 
 def _slope(drive: Drive, values: Values) -> None:
     def creep(motion: Motion, pose: Pose, _t: float) -> Motion:
-        fast, cosine, sine = abs(motion[0]), math.cos(pose[2]), math.sin(pose[2])
+        fast = math.hypot(*motion[:2]) if drive.across else abs(motion[0])
+        cosine, sine = math.cos(pose[2]), math.sin(pose[2])
         x, y = values["x"] * fast, values["y"] * fast
         return motion[0] + cosine * x + sine * y, motion[1] - sine * x + cosine * y, motion[2]
 

@@ -1,7 +1,7 @@
 """An aircraft that is sent from waypoint to waypoint, the tracker that follows it, and a radar that scans it.
 
 Places are north + i east [m], so that a positive phase turns to the right. Written from
-docs/uav_route_physics.md and the effects' equations; flown in short pieces, scans at their own times.
+docs/uav_route.md and the effects' equations; flown in short pieces, scans at their own times.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
     theta beyond zero -> strike; just after this sample  w+ = w - 0.5 (w - sgn w)
     omega -> gyro, read before the push-off; theta at a strike -> geometry's angle, held
 
-Written from docs/heel_strike_physics.md and the effects' equations, integrated by Runge and Kutta's
+Written from docs/heel_strike.md and the effects' equations, integrated by Runge and Kutta's
 fourth-order step.
 """
 
@@ -34,8 +34,6 @@ NOISE = (0.0041, 0.0016)
 """Standard deviations of the gyro [rad/s] and of the geometry's angle [rad]."""
 TORQUE, HOLD = 0.15, 0.25
 """Largest random torque per inertia [rad/s2], and how long it is held [s]."""
-STEPS = 2
-"""Steps in a sample."""
 
 
 @dataclass
@@ -50,6 +48,7 @@ class Leg:
         geometry: What becomes of the angle at a strike.
         quantum: To what the gyro is rounded, noise included [rad/s].
         clip: What it can show at most, noise included [rad/s].
+        steps: Steps in a sample.
     """
 
     length: float
@@ -59,6 +58,7 @@ class Leg:
     geometry: list[Sensor] = field(default_factory=list)
     quantum: float = 0.0
     clip: float = math.inf
+    steps: int = 2
 
 
 def simulate(leg: Leg, torques: FloatArray, noise: FloatArray, step: float) -> FloatArray:
@@ -78,10 +78,10 @@ def simulate(leg: Leg, torques: FloatArray, noise: FloatArray, step: float) -> F
     theta, omega, shown = 0.0, SPEED, 0.0
     rates = [SPEED]
     late = leg.delay / step
-    h = step / STEPS
+    h = step / leg.steps
     for k, (torque, errors) in enumerate(zip(torques.tolist(), noise.tolist(), strict=True)):
         before = theta
-        for s in range(STEPS):
+        for s in range(leg.steps):
             theta, omega = _step(leg, k * step + s * h, h, theta, omega, torque)
         now = (k + 1) * step
         rates.append(omega)

@@ -1,7 +1,7 @@
 """A vehicle on its suspension, shaken by its arm: Newton and Euler in the vehicle's frame.
 
 Unknown are the acceleration of its centre of gravity and the angular one; arm and payload hang on its joint
-with a prescribed angle. Attitude is a rotation vector. Written from docs/excitation_physics.md and the
+with a prescribed angle. Attitude is a rotation vector. Written from docs/excitation.md and the
 effects' equations, for many runs side by side: vectors have the shape (3, runs).
 """
 
@@ -55,6 +55,12 @@ class Vehicle:
         loads: Further resistance of the suspension.
         arm: What becomes of the arm's angle.
         sensors: What becomes of what is shown, (samples, 11, runs) by times (samples,).
+        body: What scales and drawings say.
+        began: Time at which a run begins, by which the stiffness drifts [s].
+        moving: Whether the arm already moves then, as far behind its command as a steady motion leaves it.
+        finer: By what the steps are shorter.
+        path: What the last runs did: deflection, its rate, angular acceleration and velocity, and rotation
+            vector in the vehicle's frame, (samples, 15, runs).
     """
 
     damping: FloatArray
@@ -69,11 +75,16 @@ class Vehicle:
     loads: list[Load] = field(default_factory=list)
     arm: list[Callable[[FloatArray], FloatArray]] = field(default_factory=list)
     sensors: list[Callable[[FloatArray, FloatArray], FloatArray]] = field(default_factory=list)
+    body: Mapping[str, float] = field(default_factory=lambda: BODY)
+    began: float = 0.0
+    moving: bool = False
+    finer: int = 1
+    path: FloatArray = field(default_factory=lambda: np.zeros((0, 15, 1)))
 
     @property
     def steps(self) -> int:
         """Steps of the integration in a sample."""
-        return 2 if self.dry.any() or self.soil or self.delay else 1
+        return self.finer * (2 if self.dry.any() or self.soil or self.delay else 1)
 
     def resistance(self, time: float, x: FloatArray, v: FloatArray) -> FloatArray:
         """What the suspension resists with."""
@@ -106,8 +117,8 @@ class _Runs:
         rods = np.eye(3)[:, [2 if mode == 1 else 1 for mode in modes.astype(int)]]
         self.rod, self.side = rods, cross(self.pin, rods)
         self.up = np.repeat([[0.0], [0.0], [1.0]], count, axis=1)
-        self.joint = np.repeat([[BODY[f"cg_{a}"]] for a in "xyz"], count, axis=1)
-        i = BODY
+        i = vehicle.body
+        self.joint = np.repeat([[i[f"cg_{a}"]] for a in "xyz"], count, axis=1)
         self.inertia = np.array([
             [i["inertia_x"], i["inertia_xy"], i["inertia_xz"]],
             [i["inertia_xy"], i["inertia_y"], i["inertia_yz"]],
@@ -128,7 +139,7 @@ class _Runs:
         angle, rate, faster = arm
         rod = self.along(angle)
         gravity = GRAVITY * turned(tilt, self.up)
-        mass, swing = BODY["mass"], rate * self.pin
+        mass, swing = self.vehicle.body["mass"], rate * self.pin
         total, first, moment = mass, np.zeros_like(w), np.zeros_like(w)
         pushes, block = mass * gravity, np.repeat(self.inertia[:, :, None], w.shape[1], axis=2)
         parts = []
@@ -187,13 +198,14 @@ def simulate(
     """
     angle, rate, faster = arm_motion(vehicle, commands, step / FINE)
     steps = vehicle.steps
-    runs, h = _Runs(vehicle, modes, angle[0]), step / steps
+    runs, h = _Runs(vehicle, modes, commands[0] if vehicle.moving else angle[0]), step / steps
     stride = FINE // (2 * steps)
     count, size = len(noise), len(modes)
     zero = np.zeros((3, size))
     x, tilt, v, w = zero, zero, zero, zero
     soft, resisted, load = vehicle.soil > 0.0, np.zeros((6, size)), np.zeros((6, size))
     shown, tilts = np.zeros((count, 11, size)), np.zeros((count * steps + 1, 3, size))
+    vehicle.path = np.zeros((count, 15, size))
 
     def slopes(time: float, arm: int, span: float, *state: FloatArray) -> tuple[FloatArray, ...]:
         at, turn, moves, spins = state
@@ -205,11 +217,12 @@ def simulate(
         return moves, _rotation_rate(turn, spins), turned(-turn, linear), angular, linear, pull, twist, aim
 
     for k in range(count * steps):
-        now, row, state = k * h, 2 * k * stride, (x, tilt, v, w)
+        now, row, state = vehicle.began + k * h, 2 * k * stride, (x, tilt, v, w)
         a = slopes(now, row, 0.0, *state)
         if k % steps == 0:
             gravity = GRAVITY * (turned(tilt, runs.up) - runs.up)
             shown[k // steps] = np.vstack([a[4] + gravity, tilt[:2], a[5], a[6]])
+            vehicle.path[k // steps] = np.vstack([turned(tilt, x), turned(tilt, v), a[3], w, tilt])
         tilts[k] = tilt
         b = slopes(now + h / 2, row + stride, h / 2, *(s + h / 2 * d for s, d in zip(state, a, strict=False)))
         c = slopes(now + h / 2, row + stride, h / 2, *(s + h / 2 * d for s, d in zip(state, b, strict=False)))
@@ -271,9 +284,13 @@ def arm_motion(vehicle: Vehicle, commands: FloatArray, step: float) -> tuple[Flo
     fade = math.exp(-step / vehicle.lag)
     late = vehicle.lag / step * (1.0 - fade)
     driven = [(1.0 - fade) * one[:-1] + (1.0 - late) * np.diff(one, axis=0) for one in parts]
+    begin = [one[:1] for one in parts]
+    if vehicle.moving:
+        begin[1] = begin[1] - vehicle.lag * begin[2]
+        begin[0] = begin[0] - vehicle.lag * begin[1]
     return tuple(
-        np.vstack([one[:1], lfilter([1.0], [1.0, -fade], to, axis=0, zi=fade * one[:1])[0]])
-        for one, to in zip(parts, driven, strict=True)
+        np.vstack([one, lfilter([1.0], [1.0, -fade], to, axis=0, zi=fade * one)[0]])
+        for one, to in zip(begin, driven, strict=True)
     )
 
 

@@ -60,6 +60,8 @@ class Walker:
         sights: What becomes of the line's place, noise not included.
         quantum: To what it is rounded, noise included [m].
         holds: Strides at which a new place is shown; None for all.
+        law: What steers it.
+        start: Offset [m] and heading [rad] at first.
     """
 
     stride: float = 0.7
@@ -75,6 +77,8 @@ class Walker:
     sights: list[Sight] = field(default_factory=list)
     quantum: float = 0.0
     holds: Callable[[int], bool] | None = None
+    law: tuple[float, float, float] = LAW
+    start: tuple[float, float] = (0.0, 0.0)
 
     def look(self, offset: FloatArray, heading: FloatArray) -> FloatArray:
         """Place of the tape's centroid in the band [m], shape (...,); not a number where it is not seen."""
@@ -97,7 +101,7 @@ class Walker:
 
 
 def simulate(walker: Walker, added: FloatArray, noise: FloatArray) -> FloatArray:
-    """Walk from the line on, steered by the law.
+    """Walk, steered by the law.
 
     Args:
         walker: The robot, fresh: what remembers is used up.
@@ -108,7 +112,7 @@ def simulate(walker: Walker, added: FloatArray, noise: FloatArray) -> FloatArray
         Command [rad], line [m], offset [m] and heading [rad] at each stride, shape (n, 4).
     """
     result = np.full((len(added), 4), np.nan)
-    offset = heading = before = line = 0.0
+    (offset, heading), before, line, law = walker.start, 0.0, 0.0, walker.law
     commands = [0.0, 0.0, 0.0, 0.0]
     for k, errors in enumerate(noise.tolist()):
         shown = float(walker.look(np.array(offset), np.array(heading)))
@@ -120,7 +124,7 @@ def simulate(walker: Walker, added: FloatArray, noise: FloatArray) -> FloatArray
         if walker.holds is not None and k > 0 and not walker.holds(k):
             shown = line
         before, line = (line if k else shown), shown
-        command = LAW[0] * before + LAW[1] * line + LAW[2] * commands[-1] + float(added[k])
+        command = law[0] * before + law[1] * line + law[2] * commands[-1] + float(added[k])
         command = min(max(command, -LIMIT), LIMIT)
         commands.append(command)
         result[k] = command, shown, offset + errors[1], heading + errors[2]

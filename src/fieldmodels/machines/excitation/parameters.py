@@ -193,8 +193,8 @@ class Rules:
     truth_spread: Annotated[
         float,
         Setting(
-            "Each episode's vehicle is drawn around the preset: mass, its distribution, lever arms, damping "
-            "and stiffness are multiplied by factors from [1 - spread, 1 + spread]. 0 is the preset itself.",
+            "Each episode's vehicle: mass, its distribution, lever arms, damping and stiffness of the "
+            "preset times factors from [1 - spread, 1 + spread].",
             least=0,
             most=0.5,
         ),
@@ -210,8 +210,8 @@ class Rules:
     estimator: Annotated[
         Literal["compensated", "low_passed", "naive"],
         Setting(
-            "Filter that is scored: `compensated` for the noise in its regressor, `low_passed` likewise on "
-            "means of 8 samples, or `naive`, as published.",
+            "Filter that is scored: `compensated` for the noise in its regressor, `low_passed` likewise on"
+            " means of 8 samples, or `naive`, as published.",
             fixed="one kind of filter runs for all rows",
         ),
     ] = "compensated"

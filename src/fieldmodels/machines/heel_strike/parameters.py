@@ -16,8 +16,8 @@ from fieldmodels.settings import Setting, check_declared, part_of
 PushOff = Annotated[
     float,
     Setting(
-        "Share of the speed error at a strike that the push-off removes; 0 is the undamped pendulum of the "
-        "source, which goes over the top after some minutes of process noise (assumed 0.5).",
+        "Share of the speed error at a strike that the push-off removes (assumed 0.5); 0 is the source's "
+        "undamped pendulum.",
         least=0,
         most=1,
     ),
@@ -57,8 +57,7 @@ CollisionKind = Annotated[
     Literal["ar1", "low_pass"],
     Setting(
         "`ar1`: x' = rho x + sqrt(1 - rho^2) U(-C, C) from U(-C, C) at every strike, the text of section "
-        "2.4.3 (errors of +-3 mm as Ranger has); `low_pass`: x' = rho x + (1 - rho) U(-C, C) from x = 0, the "
-        "size of the errors in Fig 2.10."
+        "2.4.3; `low_pass`: x' = rho x + (1 - rho) U(-C, C) from x = 0, the errors of Fig 2.10."
     ),
 ]
 
@@ -70,7 +69,7 @@ class CommonNoise:
     gyro: Annotated[
         float,
         Setting(
-            'Standard deviation of the gyro\'s white noise (section 2.3.1, printed there as "variance").',
+            "Standard deviation of the gyro's white noise (section 2.3.1).",
             "rad/s",
             least=0,
             most=1,
@@ -88,8 +87,8 @@ class CommonNoise:
     envelope: Annotated[
         float,
         Setting(
-            "Time after a strike in which the collision noise dies down linearly (section 2.4.3); also the "
-            "time for which the first gain holds.",
+            "Time after a strike in which the collision noise dies down linearly (section 2.4.3), and for "
+            "which the first gain holds.",
             "s",
             above=0,
             most=10,
@@ -102,8 +101,8 @@ class CommonNoise:
     floor_one_sided: Annotated[
         bool,
         Setting(
-            "Whether the floor's height is drawn from [0, h] as section 2.4.5 prints, not from [-h, h] as "
-            "section 2.6.1 has it."
+            "Whether the floor's height is drawn from [0, h] (section 2.4.5), not from [-h, h] (section "
+            "2.6.1)."
         ),
     ] = False
 
@@ -164,8 +163,8 @@ class Regimes(CommonNoise):
     collision: Annotated[
         Levels | None,
         Setting(
-            "Low and high amplitude of the collision noise; None takes the kind's own, (0.02, 0.3) for `ar1` "
-            "and (0.1, 0.9) for `low_pass`.",
+            "Low and high amplitude of the collision noise; None is (0.02, 0.3) for `ar1`, (0.1, 0.9) for "
+            "`low_pass`.",
             "rad/s",
         ),
     ] = None

@@ -17,7 +17,7 @@ from fieldmodels.settings import Setting, check_declared
 
 TurnLimit = Annotated[
     float,
-    Setting("Largest turn of a stride (assumed; a circle of 9 m needs 0.078).", "rad", above=0, most=0.5),
+    Setting("Largest turn of a stride (assumed).", "rad", above=0, most=0.5),
 ]
 
 
@@ -177,7 +177,7 @@ are the red-brown lanes and the green areas beside them in Barton Hall (section 
 
 Threshold = Annotated[
     float,
-    Setting("Level below which a pixel is tape (section 3.4.2, by its calibration).", above=0, below=255),
+    Setting("Level below which a pixel is tape (section 3.4.2).", above=0, below=255),
 ]
 
 
@@ -185,8 +185,7 @@ Level = Annotated[float, Setting("", above=0, below=256)]
 RgbThresholds = Annotated[
     tuple[Level, Level, Level] | None,
     Setting(
-        "Levels of red, green and blue below which, all three, a pixel of a colour image is tape (section "
-        "3.4.2); None for `threshold` in each."
+        "Levels of red, green and blue below which, all three, a pixel is tape; None for `threshold` in each."
     ),
 ]
 
@@ -237,16 +236,13 @@ class Lighting:
     light: Annotated[float, Setting("Light everywhere, 1 for a well lit hall.", least=0, most=2)] = 1.0
     dark_corner: Annotated[
         tuple[Finite, Finite, Length, Light] | None,
-        Setting(
-            "Centre x, y and radius of a dark corner [m], and the light there, which comes back over the "
-            "same distance; None for none."
-        ),
+        Setting("Centre x, y and radius of a dark corner [m], and the light there; None for none."),
     ] = None
     sun: Annotated[
         tuple[Finite, Length] | None,
         Setting(
-            "Direction to which the sun throws the robot's shadow [rad] and the shadow's length [m]; None "
-            "for no sun."
+            "Direction [rad] and length [m] of the shadow that the sun makes the robot throw; None for no "
+            "sun."
         ),
     ] = None
     sun_shade: Annotated[
@@ -269,30 +265,29 @@ class WalkRules:
     plant: Annotated[
         Literal["kinematic", "pymunk"],
         Setting(
-            "`kinematic` walks by plane kinematics; `pymunk` by rigid bodies whose feet can slip and whose "
-            "motor can give way.",
+            "`kinematic`: plane kinematics; `pymunk`: rigid bodies whose feet can slip and whose motor can"
+            " give way.",
             fixed="one kind of physics moves all rows",
         ),
     ] = "kinematic"
     sight: Annotated[
         Literal["geometry", "image"],
         Setting(
-            "`geometry` computes where the line's centroid is; `image` renders an image and runs the "
-            "firmware on it (always so with pixels).",
+            "`geometry` computes the line's centroid; `image` renders an image and runs the firmware on it.",
             fixed="images are kept of all rows or of none",
         ),
     ] = "geometry"
     bands: Annotated[
         int,
         Setting(
-            "Bands of rows whose centroid is observed; the second is the third of the view above the first.",
+            "Bands of rows whose centroid is observed.",
             least=1,
             most=2,
             fixed="it shapes the observation",
         ),
     ] = 1
     latency_strides: Annotated[
-        int, Setting("Strides that a command waits beside the gait's own delay.", least=0, most=1)
+        int, Setting("Strides of a command's delay beyond the gait's own.", least=0, most=1)
     ] = 0
     camera_yaws_with_inner: Annotated[
         bool, Setting("Whether the camera turns with the inner legs, not with the body.")

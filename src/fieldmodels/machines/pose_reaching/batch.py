@@ -52,9 +52,8 @@ class Rules:
     starts: Annotated[
         Literal["T1", "T2", "T3"],
         Setting(
-            "Where episodes begin: `T1` on the right half, 0.6 to 1.6 m from the ball, facing it (as the "
-            "source's training paths); `T2` on both sides, up to 45 deg off; `T3` anywhere in the field, "
-            "with any heading."
+            "Where episodes begin: `T1` on the right half, facing the ball; `T2` on both sides, up to 45 "
+            "deg off; `T3` anywhere, with any heading."
         ),
     ] = "T3"
     success: Annotated[
@@ -94,8 +93,7 @@ class Rules:
     progress_reward: Annotated[
         float,
         Setting(
-            "Reward of a metre by which the distance to the ball has become shorter; the sum over an episode "
-            "depends on its first and last pose only.",
+            "Reward of a metre by which the distance to the ball has become shorter.",
             least=0,
             most=1000,
         ),

@@ -1,6 +1,6 @@
 """What the aircraft, the radars and their missiles are, and how the source's equations are read.
 
-Source of this package: chapter 4 of the dissertation named in docs/uav_route_physics.md ("Path planning using
+Source of this package: chapter 4 of the dissertation named in docs/uav_route.md ("Path planning using
 mixed integer linear programming"). Lengths are kilometres, since Table 4.2 is; x is north and y is east;
 a heading is clockwise from north, seen from above; a bank is positive with the right wing down.
 """
@@ -34,7 +34,7 @@ class Aircraft:
 
     speed: Annotated[
         float,
-        Setting("Speed of the aircraft (assumed; 12.5 km in a step of 50 s).", "km/s", least=1e-3, most=1),
+        Setting("Speed of the aircraft (assumed).", "km/s", least=1e-3, most=1),
     ] = 0.25
     altitude: Annotated[float, Setting("Its height above the radars (assumed).", "km", least=0, most=50)] = (
         10.0
@@ -44,9 +44,7 @@ class Aircraft:
     ] = math.pi / 4
     least_turn: Annotated[
         float,
-        Setting(
-            "Smallest turn that is banked (the source's epsilon; assumed).", "rad", least=0, most=math.pi
-        ),
+        Setting("Smallest turn that is banked (assumed).", "rad", least=0, most=math.pi),
     ] = 1e-3
 
     def __post_init__(self) -> None:
@@ -61,7 +59,7 @@ class Detection:
     threshold: Annotated[
         float,
         Setting(
-            "Probability of detection above which a detection counts, or is certain; within Table 4.2.",
+            "Probability above which a detection counts, or is certain.",
             least=0.01,
             below=0.99,
         ),
@@ -69,8 +67,7 @@ class Detection:
     interpolation: Annotated[
         Interpolation,
         Setting(
-            "Table 4.2 between its entries: `linear` in signature, range and probability, or `log`: in the "
-            "logarithms of signature and range."
+            "Table 4.2 between its entries: `linear`, or `log`, in the logarithms of signature and range."
         ),
     ] = "linear"
     detection: Annotated[
@@ -83,8 +80,7 @@ class Detection:
     reach: Annotated[
         float,
         Setting(
-            "Slant range beyond which a radar does not scan at all: the largest of Table 4.2, as the source "
-            'has radars count only "within an engagement range".',
+            "Slant range beyond which a radar does not scan: the largest of Table 4.2.",
             "km",
             above=0,
         ),
@@ -117,9 +113,8 @@ class LockLoss:
     engaged: Annotated[
         Literal["accumulated", "unbroken", "elapsed"],
         Setting(
-            "What the engage timer of (4.6) counts: time detected `accumulated` since the last lock loss "
-            "(printed); `unbroken`, as (4.33) limits; or all time `elapsed` since the first detection, as "
-            'the text says ("increments when the system is engaged").'
+            "What the engage timer of (4.6) counts: time detected, `accumulated` since the last lock loss "
+            "(printed) or `unbroken` (4.33); or all time `elapsed` since the first detection."
         ),
     ] = "accumulated"
 
@@ -238,9 +233,7 @@ class LegRules:
     tracking: Annotated[
         Literal["each", "one"],
         Setting(
-            "What a radar follows of several aircraft: `each`, as the source's joint program has it, where "
-            "nothing couples them; or `one`, since figure 4.2 gives a radar one state: the one that it has "
-            "locked on, and no other until that lock is lost or that flight is over."
+            "What a radar follows of several aircraft: `each` by itself, or `one` at a time (figure 4.2)."
         ),
     ] = "each"
     capture: Annotated[float, Setting("Distance from the goal at which it is reached.", "km", above=0)] = 5.0
@@ -255,8 +248,7 @@ class LegRules:
         Literal["straight", "around"],
         Setting(
             "How far the goal is, for that reward: `straight`, or `around` the circle in which the radar "
-            "next to the goal sees an aircraft's side; the straight line leads into that circle, where "
-            "nothing is learned about a goal behind it."
+            "next to the goal sees an aircraft's side."
         ),
     ] = "around"
     arrival_reward: Annotated[float, Setting("Reward of arriving.", least=0)] = 3.0

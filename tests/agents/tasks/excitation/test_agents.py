@@ -80,8 +80,8 @@ def test_agents_come_in_the_expected_order(errors):
     assert errors["a_optimal"] < errors["random"]
 
 
-@pytest.mark.parametrize("name", NAMES_OF_AGENTS)
-@pytest.mark.parametrize("settings", [{}, {"variant": "table2", "limits": "paper", "preset": "soft"}])
+@pytest.mark.every("name", NAMES_OF_AGENTS)
+@pytest.mark.every("settings", [{}, {"variant": "table2", "limits": "paper", "preset": "soft"}])
 def test_actions_lie_in_the_space(name, settings):
     agent = make(name, **settings)
     envs = envs_of(2, **settings)
@@ -159,7 +159,7 @@ def test_printed_cost_punishes_what_frozen_weights_reward(midway):
     assert (frozen[1] > frozen[2]).all()
 
 
-@pytest.mark.parametrize("name", [name for name in criteria.CRITERIA if name not in ("printed_cost",)])
+@pytest.mark.every("name", [name for name in criteria.CRITERIA if name not in ("printed_cost",)])
 def test_criteria_prefer_less_uncertainty(name, midway):
     """An ellipsoid of half the size (and, for the condition number, a rounder one) costs less."""
     _, info = midway
@@ -183,7 +183,7 @@ def test_situation_is_what_the_filter_knows(midway):
     np.testing.assert_array_equal(now.samples, 320)
 
 
-@pytest.mark.parametrize("key", SCENARIOS)
+@pytest.mark.every("key", SCENARIOS)
 def test_stored_schedules_are_worth_what_is_stored(key):
     settings = ExcitationSettings(**SCENARIOS[key])
     judge = Schedules(settings, PRESETS[settings.preset][None])
@@ -196,7 +196,7 @@ def test_stored_schedules_are_worth_what_is_stored(key):
     assert cost["oracle_schedule"] < float(judge(constant)[0])
 
 
-@pytest.mark.parametrize("key", SCENARIOS)
+@pytest.mark.every("key", SCENARIOS)
 def test_the_stored_error_of_the_best_constant_is_that_of_the_experiment(key):
     settings, stored = ExcitationSettings(**SCENARIOS[key]), tuned()[key]["best_constant"]
     actions = np.array(stored["actions"])

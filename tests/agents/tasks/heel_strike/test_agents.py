@@ -90,7 +90,7 @@ def test_stored_scores_are_those_of_the_environment(kind, name):
     assert found == pytest.approx(tuned()[kind][name]["tuned_mm"], rel=2e-3)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.every("kind", KINDS)
 def test_tuning_did_not_fit_its_own_walks_only(kind):
     for name, values in tuned()[kind].items():
         assert values["checked_mm"] < 1.12 * values["tuned_mm"], name
@@ -101,8 +101,8 @@ def test_the_papers_grid_finds_its_filter_decay():
     assert [tuned()[kind]["paper_grid"]["decay"] for kind in KINDS] == [333.0, 333.0]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.every("kind", KINDS)
+@pytest.mark.every("name", NAMES)
 def test_actions_lie_in_the_space(kind, name):
     agent = make(name, kind)
     envs = gymnasium.make_vec(
@@ -148,7 +148,7 @@ def test_oracle_rows_are_all_different():
     assert sorted(oracle_row(levels, previous)) == list(range(16))
 
 
-@pytest.mark.parametrize(("kind", "least"), [("ar1", (0.98, 0.8, 0.95)), ("low_pass", (0.98, 0.8, 0.75))])
+@pytest.mark.every(("kind", "least"), [("ar1", (0.98, 0.8, 0.95)), ("low_pass", (0.98, 0.8, 0.75))])
 def test_regime_filter_finds_the_hidden_levels(kind, least):
     """On test seeds it names process, floor and collision level right in most strides."""
     agent = make("regime_filter", kind)

@@ -56,7 +56,7 @@ def test_a_lost_line_is_met_by_holding_the_command():
         assert np.isclose(agent.act(observation, {})[0, 0], 0.4, atol=1e-6)
 
 
-@pytest.mark.parametrize("track", ["straight", "s", "oval"])
+@pytest.mark.every("track", ["straight", "s", "oval"])
 def test_ranks_of_the_agents(track):
     """What is given decides: everything, two bands, one band; gaps are paired over 40 walks (p < 0.002)."""
     found = {name: distances(name, track=track) for name in ("ceiling", "two_bands", "memory", "printed")}
@@ -95,8 +95,8 @@ REALITIES = (
 )
 
 
-@pytest.mark.parametrize("latency", [0, 1])
-@pytest.mark.parametrize("reality", REALITIES, ids=lambda reality: "+".join(reality) or "nominal")
+@pytest.mark.every("latency", [0, 1])
+@pytest.mark.every("reality", REALITIES)
 def test_matrices_of_the_regulator_are_the_walk(latency, reality):
     """Near the line, A z + B theta is what the environment does in a stride, whatever its plant is."""
     settings = {

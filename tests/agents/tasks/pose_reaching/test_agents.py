@@ -69,13 +69,13 @@ def test_nobody_is_faster_than_the_ceiling(results):
             assert pair["best"].mean() < 1.03 * pair["other"].mean(), name
 
 
-@pytest.mark.parametrize("starts", ["T1", "T2"])
+@pytest.mark.every("starts", ["T1", "T2"])
 def test_the_memory_works_where_its_paths_begin(starts):
     assert played(make("path_memory"), starts)["success"].mean() > 0.97
     assert played(make("path_memory_printed"), starts)["success"].mean() < 0.3
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.every("name", NAMES)
 def test_actions_lie_in_the_space_and_need_the_observation_only(name):
     agent = make(name)
     assert agent.sees == ("model" if name == "least_time" else "observation")
@@ -187,7 +187,7 @@ def test_a_unicycle_goes_straight_too_but_turns_before_and_after(results):
     assert results["path_memory_straight"]["success"].mean() < 0.3  # it cannot turn on the way
 
 
-@pytest.mark.parametrize("name", ["graceful", "own_data"])
+@pytest.mark.every("name", ["graceful", "own_data"])
 def test_agents_of_a_unicycle_drive_an_omnidirectional_robot_as_one(name):
     settings = {"drive": "omnidirectional"}
     ours, theirs = (

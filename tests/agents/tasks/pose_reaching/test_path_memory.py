@@ -203,7 +203,7 @@ def test_a_periodic_grid_has_no_ends():
     assert FORMS["table"](remembered, cut, "stop").winners(below_pi)[0] == -1
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("wrong", "message"),
     [
         (lambda: Grid(0.0, 0.1, 33, periodic=True), "full turn"),
@@ -268,7 +268,7 @@ def test_every_rule_changes_something():
         assert not np.allclose(other, usual), change
 
 
-@pytest.mark.parametrize("drive", [graceful_path, shortest_path])
+@pytest.mark.every("drive", [graceful_path, shortest_path])
 def test_a_teacher_arrives(drive):
     for start in [*starts_facing(9), *starts_anywhere(20, np.random.default_rng(0))]:
         path = drive(start)

@@ -5,7 +5,7 @@ import pytest
 from fieldagents.policies.zoo import get_entry
 
 
-@pytest.mark.parametrize("name", ["ppo", "sac"])
+@pytest.mark.every("name", ["ppo", "sac"])
 def test_every_run_arrives_from_anywhere(name):
     (training,) = get_entry("pose_reaching", name).trainings
     assert training.settings == {"starts": "T3", "success": "strict"}

@@ -24,7 +24,7 @@ def layout(seed: int, radars: int = 1) -> Layout:
     return random_layout(np.random.default_rng(seed), radars)
 
 
-@pytest.mark.parametrize("seed", [6, 13, 29])
+@pytest.mark.every("seed", [6, 13, 29])
 def test_without_a_bank_it_is_tangent_arc_and_spiral(seed: int) -> None:
     # a closed form shares nothing with the relaxation but the limits
     drawn = layout(seed)

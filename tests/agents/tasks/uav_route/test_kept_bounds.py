@@ -52,7 +52,7 @@ def bounds(world=WORLD, capture=5.0, say=lambda _: None):
 TRIED = 5001
 
 
-@pytest.mark.parametrize("threshold", [0.2, 0.5, 0.8])
+@pytest.mark.every("threshold", [0.2, 0.5, 0.8])
 def test_no_way_to_the_circle_and_on_inside_is_shorter(threshold):
     # every straight that a way inside may follow is tried, where the bound solves for the best
     world = World(detection=Detection(threshold=threshold))

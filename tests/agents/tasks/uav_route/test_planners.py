@@ -37,7 +37,7 @@ def world_at(threshold: float) -> World:
     return World(detection=Detection(threshold=threshold))
 
 
-@pytest.mark.parametrize(("threshold", "side"), [(0.5, 364.2), (0.6, 348.6), (0.7, 332.9)])
+@pytest.mark.every(("threshold", "side"), [(0.5, 364.2), (0.6, 348.6), (0.7, 332.9)])
 def test_the_side_is_seen_within_the_slant_ranges_of_table_4_2(threshold: float, side: float) -> None:
     # signature 0.5, linear in Table 4.2: 364.2, 348.6, 332.9 km of slant range, 10 km below
     assert limits_of(world_at(threshold)).side == pytest.approx(math.sqrt(side**2 - 100.0), abs=0.1)
@@ -61,7 +61,7 @@ def test_beyond_its_limit_nothing_is_seen_and_just_within_it_something_is() -> N
         assert worst(limit - 0.5) > 0.6
 
 
-@pytest.mark.parametrize(("threshold", "bound"), [(0.5, 139.05), (0.6, 129.72), (0.7, 125.40)])
+@pytest.mark.every(("threshold", "bound"), [(0.5, 139.05), (0.6, 129.72), (0.7, 125.40)])
 def test_the_lower_bound_is_tangent_arc_and_spiral(threshold: float, bound: float) -> None:
     found = lower_bound(EXAMPLE, world_at(threshold))
     assert found == pytest.approx(bound, abs=0.01)
@@ -76,8 +76,8 @@ def test_the_lower_bound_between_places_outside_is_the_way_around_the_circle() -
     assert lower_bound(Layout((500.0, 0.0), (500.0, 100.0), ((0.0, 0.0),)), World()) == pytest.approx(100.0)
 
 
-@pytest.mark.parametrize("threshold", THRESHOLDS)
-@pytest.mark.parametrize("legs", [2, 3])
+@pytest.mark.every("threshold", THRESHOLDS)
+@pytest.mark.every("legs", [2, 3])
 def test_whole_legs_are_undetected_and_near_the_lower_bound(threshold: float, legs: int) -> None:
     plan = leg_plan(EXAMPLE, world_at(threshold), legs=legs)
     assert plan.search.status == "optimal"
@@ -177,7 +177,7 @@ def test_the_heading_before_the_first_leg_counts() -> None:
     assert turning.search.status == "infeasible" or turning.length > free.length
 
 
-@pytest.mark.parametrize("threshold", THRESHOLDS)
+@pytest.mark.every("threshold", THRESHOLDS)
 def test_the_lattice_finds_an_undetected_route_near_the_lower_bound(threshold: float) -> None:
     plan = lattice_plan(EXAMPLE, world_at(threshold))
     assert plan.verification is not None
@@ -216,8 +216,8 @@ def test_printed_plans_are_invalid_though_proven_optimal() -> None:
     assert plan.verification.duration == pytest.approx(550.0)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
-@pytest.mark.parametrize("lock_loss", [None, 3])
+@pytest.mark.every("solver", SOLVERS)
+@pytest.mark.every("lock_loss", [None, 3])
 def test_pairs_and_sets_are_the_same_program(solver: programs.Solver, lock_loss: int | None) -> None:
     pairs, sets = (
         printed_plan(SHORT, form=replace(COARSE, lookup=x, lock_loss=lock_loss), solver=solver)
@@ -272,7 +272,7 @@ def test_the_straight_line_is_shortest_and_detected() -> None:
     assert straight_plan(EXAMPLE, world_at(0.7)).excess == pytest.approx(0.0, abs=1e-6)
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.every("solver", SOLVERS)
 def test_too_few_steps_are_proven_infeasible(solver: programs.Solver) -> None:
     plan = printed_plan(SHORT, form=replace(COARSE, steps=2), solver=solver)
     assert plan.search.status == "infeasible"
@@ -294,7 +294,7 @@ def test_a_goal_inside_the_circle_is_reached_nose_on() -> None:
     assert plan.verification.undetected
 
 
-@pytest.mark.parametrize("solver", SOLVERS)
+@pytest.mark.every("solver", SOLVERS)
 def test_a_work_limit_ends_in_the_same_way_each_time_and_says_so(solver: programs.Solver) -> None:
     form = Form(sides=12, slack=None, lookup="sets")
     first, second = (printed_plan(EXAMPLE, form=form, solver=solver, work=3) for _ in range(2))
@@ -331,7 +331,7 @@ def test_missing_pulp_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
         printed_plan(EXAMPLE)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("call", "match"),
     [
         (lambda: leg_plan(EXAMPLE, legs=0), "at least 1 leg"),

@@ -1,6 +1,6 @@
-"""Write the page of the ledger, from the claims and from the numbers of the last full run.
+"""Write `papers/ledger.md` and its summary `docs/ledger.md`, from the claims and the last full run's numbers.
 
-    python docs/ledger.py [results/ledger/ledger.json]
+    python -m papers.publish [results/ledger/ledger.json]
 
 With a result of `fieldgym reproduce --all` its numbers are kept in `ledger.json` beside this file; claims
 that it does not hold keep those that they have.
@@ -27,6 +27,7 @@ from papers.source import all_sources
 
 FOLDER = Path(__file__).parent
 NUMBERS = FOLDER / "ledger.json"
+DOCS = FOLDER.parent / "docs"
 COLOURS = {
     "reproduced": GREEN,
     "depends": AMBER,
@@ -35,17 +36,29 @@ COLOURS = {
     "not computable": GREY,
 }
 
-INTRODUCTION = """# The sources' claims
+MEANING = """- *reproduced*: the 95 % interval of our number lies within what the claim allows
+- *refuted*: it lies outside
+- *depends*: readings of an ambiguous text disagree
+- *not computable*: a photograph, a drawing or a measurement on the authors' hardware
+"""
+INTRODUCTION = f"""# The sources' claims
 
-What the two sources claim, and what comes out here: tables, figures, numbers in the text, algorithms,
-variants and extensions. *Reproduced*: the interval of our number (95 %; none where nothing is random) lies
-within what the claim allows; *refuted*: it lies outside; *depends on ...*: readings of an ambiguous text
-disagree; *not computable*: the reason is given. Numbers are those of the last full `fieldgym reproduce
---all`, which computes all of this anew, draws the figures and fails where a verdict is not the one below.
-This page and its picture are written by `python docs/ledger.py`.
+Every claim of the sources with the number that comes out here; written by `python -m papers.publish` from
+the last full `fieldgym reproduce --all`.
+
+{MEANING}
+![Claims of each task by verdict](../docs/pictures/ledger.svg)
+
+"""
+SUMMARY = f"""# The sources' claims
 
 ![Claims of each task by verdict](pictures/ledger.svg)
 
+`fieldgym reproduce --all` recomputes what the two sources claim: tables, figures, numbers in the text and
+algorithms. It runs in a checkout alone. Every claim, the printed value and ours are in `papers/ledger.md` of
+the repository.
+
+{MEANING}
 """
 
 
@@ -82,13 +95,9 @@ def page() -> str:
     counts = Counter(verdict_of(one) for one in claims)
     parts = [
         INTRODUCTION,
-        f"**{len(claims)} claims**: " + ", ".join(f"{n} {v}" for v, n in counts.most_common()),
+        f"**{len(claims)} claims**: {', '.join(f'{n} {v}' for v, n in counts.most_common())}. "
+        f"{_assumed(claims)}\n\n{_figures(claims)}\n",
     ]
-    open_ = sum(verdict_of(one) == "reproduced" and bool(one.claim.assumes) for one in claims)
-    parts.append(
-        f". Of those reproduced {counts['reproduced'] - open_} are decided by what is printed, {open_} under "
-        f'an assumption of ours, which is stated ("Assumed").\n\n{_figures(claims)}\n'
-    )
     for task in all_sources():
         rows = [one for one in claims if one.task == task]
         if rows:
@@ -97,6 +106,27 @@ def page() -> str:
             )
             parts += map(_row, rows)
     return "".join(parts)
+
+
+def summary() -> str:
+    """The page of the documentation: how many claims of each task have which verdict."""
+    claims = decided()
+    counts = Counter((one.task, verdict_of(one)) for one in claims)
+    verdicts = [one for one in COLOURS if any(counts[task, one] for task in all_sources())]
+    rows = [[task, *(counts[task, one] for one in verdicts)] for task in all_sources()]
+    rows.append(["all", *(sum(counts[task, one] for task in all_sources()) for one in verdicts)])
+    lines = [f"| task | {' | '.join(verdicts)} |", "|---" * (len(verdicts) + 1) + "|"]
+    lines += [f"| {' | '.join(map(str, row))} |" for row in rows]
+    return "\n".join([SUMMARY + lines[0], *lines[1:], "", f"{_assumed(claims)} {_figures(claims)}", ""])
+
+
+def _assumed(claims: Iterable[Decided]) -> str:
+    """How many claims are reproduced as printed, and how many under an assumption, in a sentence."""
+    found = [bool(one.claim.assumes) for one in claims if verdict_of(one) == "reproduced"]
+    return (
+        f"Of those reproduced {found.count(False)} are decided by what is printed, {found.count(True)} under "
+        "an assumption that is stated."
+    )
 
 
 def _figures(claims: Iterable[Decided]) -> str:
@@ -171,4 +201,5 @@ if __name__ == "__main__":
             raise SystemExit(f"{sys.argv[1]} is of quick runs; give the result of a full one")
         keep(result["claims"])
     write_text(FOLDER / "ledger.md", page())
-    draw(decided(), FOLDER / "pictures" / "ledger.svg")
+    write_text(DOCS / "ledger.md", summary())
+    draw(decided(), DOCS / "pictures" / "ledger.svg")
