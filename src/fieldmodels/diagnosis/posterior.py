@@ -8,13 +8,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fieldmodels.arrays import FloatArray
+from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.curves import Curves, Scored
 from fieldmodels.diagnosis.fit import fit, refit
 from fieldmodels.diagnosis.linearisation import Fit, reweighed, stacked
-from fieldmodels.diagnosis.marginal import Evidence, Marginal
+from fieldmodels.diagnosis.marginal import Evidence
 from fieldmodels.diagnosis.misshapen import misshapen
 from fieldmodels.diagnosis.phrases import CURVE
 from fieldmodels.diagnosis.problem import Problem
@@ -105,35 +106,70 @@ def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
     that no model of it fits has seemed to show in one record, it does not show in another.
     """
     evidence, order = Evidence(testing), search.ranked()
-    found: dict[Hypothesis, tuple[Fit, Marginal]] = {}
+    found: dict[Hypothesis, tuple[Fit, float]] = {}
 
-    def tested(one: Hypothesis) -> tuple[Fit, Marginal]:
-        """Its base is fitted to the test windows, too: what differs between records in it is no evidence."""
+    def tested(one: Hypothesis) -> tuple[Fit, float]:
+        """Fit to the test windows and its evidence: the base is free there, effects as far as unknown."""
         if one not in found:
             problem = replace(testing, model=one.setting.problem.model)
-            begun, free = one.fit.parameters, one.setting.candidates.free(())
+            begun, free = one.fit.parameters, one.setting.candidates.free(one.candidate.effects)
             raw = problem.features - problem.simulate(begun[None], problem.states)[0]
             fitted = fit(problem, begun, free, whitener_by_output(problem, raw), problem.states, BEGUN)
             fitted = refit(problem, fitted, whitener_by_output(problem, fitted.raw), BEGUN)
             fitted = settled(evidence, problem, fitted)
-            found[one] = fitted, evidence.of(problem, fitted)
+            here = reweighed(problem, fitted, evidence.of(problem, fitted).whitener)
+            known = reweighed(one.setting.problem, one.fit, search.marginal(one).whitener)
+            base = one.setting.candidates.free(())
+            found[one] = here, evidence.of(problem, fitted).value + _moved(problem, known, here, base)
         return found[one]
 
     near = [one for one in order if search.score(one) <= search.score(order[0]) + NEAR]
-    totals = {one: search.score(one) + tested(one)[1].value for one in (search.base, *near)}
+    totals = {one: search.score(one) + tested(one)[1] for one in (search.base, *near)}
     seen: set[Hypothesis] = set()
     while (lead := min(totals, key=lambda one: totals[one])) not in seen:
         seen.add(lead)
         here, own = tested(lead)
         for part in search.sets.parts(lead):
             there, without = tested(part)
-            apart = 0.5 * float(np.sum(((here.raw - there.raw) @ own.whitener.T) ** 2))
-            share = np.clip((without.value - own.value + ALLOWED) / (apart + ALLOWED), 0.0, 1.0)
-            brought = search.marginal(part).value - search.marginal(lead).value
-            fewer = search.score(part) - search.score(lead) + without.value - own.value
-            total = totals[lead] + fewer - (1.0 - float(share)) * max(brought, 0.0)
+            apart = 0.5 * float(np.sum(((here.raw - there.raw) @ here.whitener.T) ** 2))
+            brought = max(search.marginal(part).value - search.marginal(lead).value, 0.0)
+            due = min(apart, brought * len(testing) / len(search.base.setting.problem))
+            lacking = brought * (1.0 - np.clip((without - own + ALLOWED) / (due + ALLOWED), 0.0, 1.0))
+            fewer = search.score(part) - search.score(lead) + without - own
+            total = totals[lead] + fewer - float(lacking)
             totals[part] = min(totals.get(part, math.inf), total)
     return totals
+
+
+def _moved(problem: Problem, known: Fit, here: Fit, base: IntArray) -> float:
+    """What it costs that effects are what the training windows say, as exactly as these do [nats].
+
+    Laplace's approximation: parameters that fit the test windows best are drawn from the posterior.
+
+    Args:
+        problem: The test windows.
+        known: The fit to the training windows, whitened by its errors.
+        here: The fit to the test windows, likewise.
+        base: Parameters that may differ.
+    """
+    own = ~np.isin(here.free, base)
+    if not own.any():
+        return 0.0
+    before, now = _information(known, own), _information(here, own)
+    both = before + now
+    slope = problem.coordinates(here.free).slope(here.parameters[here.free])
+    off = ((known.parameters - here.parameters)[here.free] / slope)[own]
+    least = 1e-6 * np.trace(both) / len(both) * np.eye(len(both)) + 1e-12 * np.eye(len(both))
+    apart = float(off @ before @ np.linalg.solve(both + least, now @ off))
+    return float(0.5 * (apart + np.linalg.slogdet(both + least)[1] - np.linalg.slogdet(before + least)[1]))
+
+
+def _information(here: Fit, own: NDArray[np.bool_]) -> FloatArray:
+    """Of some parameters, beside all others."""
+    columns = stacked(here.jacobian) * here.active
+    others, mine = columns[:, ~own], columns[:, own]
+    mine = mine - others @ np.linalg.lstsq(others, mine, rcond=1e-9)[0]
+    return np.asarray(mine.T @ mine)
 
 
 def _holds(one: Hypothesis, some: Sequence[str]) -> bool:
