@@ -438,7 +438,7 @@ class Candidates:
                 p, own = place + linear[g], parent.fit.parameters[place + linear[g]]
                 nearer[:, g, p] = own + share * (starts[:, g, p] - own)
             again, twice = self.score(parent, nearer)
-            better = again > predicted
+            better = again > 1.1 * predicted
             starts = np.where(better[:, None, None], nearer, starts)
             predicted = np.where(better, again, predicted)
             multiple = np.where(better[:, None], twice, multiple)
