@@ -126,9 +126,9 @@ def test_probabilities_are_shares_of_the_sets_that_both_records_leave():
     assert scores["drag", "slope"] > scores["drag",]  # a number more that brings nothing has its price
 
 
-@pytest.mark.parametrize("again", [True, False])
+@pytest.mark.parametrize("again", [1.0, 0.4, 0.0])
 def test_what_one_record_shows_and_another_does_not_is_not_of_the_machine(again):
-    """A push of 0.04 m/s2, 10 times its standard error, in the training record alone or in both."""
+    """A push of 0.04 m/s2, 10 times its standard error; in the test all, less than half or nothing of it."""
 
     def pushed(seed, push):
         cart = record(seed)
@@ -138,8 +138,8 @@ def test_what_one_record_shows_and_another_does_not_is_not_of_the_machine(again)
         return Recording(cart.time, {**cart.signals, "speed": speed + 0.01 * own.standard_normal(len(speed))})
 
     options = {"fixed": {"drag.rate": 0.6}, "options": EVIDENCE}
-    found = diagnose(Cart(), [pushed(1, 0.04)], [pushed(2, 0.04 if again else 0.0)], **options)
-    assert [cause.effect for cause in found.causes] == ["slope"] * again
+    found = diagnose(Cart(), [pushed(1, 0.04)], [pushed(2, 0.04 * again)], **options)
+    assert [cause.effect for cause in found.causes] == ["slope"] * (again == 1.0)
 
 
 def test_a_gain_is_foreseen_whatever_size_an_effect_usually_has():
