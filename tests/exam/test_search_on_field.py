@@ -73,7 +73,6 @@ def test_inputs_that_sensors_show_wander_too():
     assert Evidence(problem).of(problem, fitted).value < alone.of(problem, fitted).value - 100.0
 
 
-@pytest.mark.xfail(strict=True, reason="a limit that training did not reach is free on the test windows")
 def test_noise_that_is_no_model_of_it_names_no_step():
     """In a loop a parameter's step gains 15 nats, which the test record does not repeat."""
     case = next(c for c in cases_of("develop", ["rig"], ["single"]) if c.seed == 2021)

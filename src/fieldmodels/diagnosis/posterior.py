@@ -155,21 +155,21 @@ def _moved(problem: Problem, known: Fit, here: Fit, base: IntArray) -> float:
     own = ~np.isin(here.free, base)
     if not own.any():
         return 0.0
-    before, now = _information(known, own), _information(here, own)
-    both = before + now
-    slope = problem.coordinates(here.free).slope(here.parameters[here.free])
-    off = ((known.parameters - here.parameters)[here.free] / slope)[own]
-    least = 1e-6 * np.trace(both) / len(both) * np.eye(len(both)) + 1e-12 * np.eye(len(both))
-    apart = float(off @ before @ np.linalg.solve(both + least, now @ off))
-    return float(0.5 * (apart + np.linalg.slogdet(both + least)[1] - np.linalg.slogdet(before + least)[1]))
+    before, now = _beside_the_others(known, own), _beside_the_others(here, own)
+    at = problem.coordinates(here.free).encode
+    off = now @ (at(known.parameters[here.free]) - at(here.parameters[here.free]))[own]
+    both, target = np.concatenate([before, now]), np.concatenate([np.zeros(len(before)), off])
+    apart = target - both @ np.linalg.lstsq(both, target, rcond=1e-9)[0]
+    least = 1e-6 * float(np.sum(both**2)) / both.shape[1] * np.eye(both.shape[1])
+    volume = np.linalg.slogdet(both.T @ both + least)[1] - np.linalg.slogdet(before.T @ before + least)[1]
+    return 0.5 * float(apart @ apart + volume)
 
 
-def _information(here: Fit, own: NDArray[np.bool_]) -> FloatArray:
-    """Of some parameters, beside all others."""
+def _beside_the_others(here: Fit, own: NDArray[np.bool_]) -> FloatArray:
+    """Columns of some parameters without what the others explain of them."""
     columns = stacked(here.jacobian) * here.active
     others, mine = columns[:, ~own], columns[:, own]
-    mine = mine - others @ np.linalg.lstsq(others, mine, rcond=1e-9)[0]
-    return np.asarray(mine.T @ mine)
+    return np.asarray(mine - others @ np.linalg.lstsq(others, mine, rcond=1e-9)[0])
 
 
 def _holds(one: Hypothesis, some: Sequence[str]) -> bool:
