@@ -16,9 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import multigammaln
 
 from fieldmodels.arrays import FloatArray, IntArray
+from fieldmodels.compiled import compiled
 from fieldmodels.diagnosis.linearisation import (
     PRIOR,
     Fit,
@@ -225,28 +225,15 @@ class Evidence:
         squares = np.bincount(number, np.diag(products)) / (counts * rows)
         unit = np.sqrt(np.maximum(squares, least) + 1e-300)[number]
         floor, products = self._floor / unit, products / np.outer(unit, unit)
-        least, sizes = np.bincount(number, floor**2) / counts + 1e-12, np.ones(len(counts))
+        sizes = np.ones(len(counts))
         found: dict[int, tuple[float, FloatArray]] = {}
 
         def by(strength: int) -> float:
-            nonlocal sizes
             if strength not in found:
                 windows = STRENGTHS[strength] * features
-                freedom = windows + features + 1.0
-                for _ in range(ROUNDS):
-                    prior = windows * (sizes[number] + floor**2)
-                    share = np.bincount(number, np.diag(np.linalg.inv(products + np.diag(prior))) * prior)
-                    sizes = np.maximum(sizes * freedom * counts / ((freedom + rows) * share), 1e-3 * least)
-                prior = windows * (sizes[number] + floor**2)
-                whole = products + np.diag(prior)
-                value = (
-                    rows * float(np.sum(np.log(math.sqrt(math.pi) * unit)))
-                    + float(multigammaln(0.5 * freedom, features))
-                    - float(multigammaln(0.5 * (freedom + rows), features))
-                    - 0.5 * freedom * float(np.sum(np.log(prior)))
-                    + 0.5 * (freedom + rows) * float(np.linalg.slogdet(whole)[1])
-                )
-                found[strength] = value, whole * np.outer(unit, unit) / (windows + rows)
+                value, covariance = _by_prior(products, number, floor, rows, windows, sizes)
+                value += rows * float(np.sum(np.log(math.sqrt(math.pi) * unit)))
+                found[strength] = value, covariance * np.outer(unit, unit)
             return found[strength][0]
 
         self._strength = climbed(by, self._strength, len(STRENGTHS))
@@ -290,6 +277,34 @@ class Evidence:
                 found = responses(self._problem, fitted)
                 self._pushed = [one.sum(axis=2) for one in found.values()]
         return self._pushed
+
+
+@compiled
+def _by_prior(
+    products: FloatArray, number: IntArray, floor: FloatArray, rows: int, windows: float, sizes: FloatArray
+) -> tuple[float, FloatArray]:
+    """Evidence of errors under a prior of so many windows, and their mean covariance.
+
+    Args:
+        products: Sum of the products of each row's errors, of size one.
+        number: The output of each.
+        floor: The least deviation of each.
+        rows: How many rows.
+        windows: Strength of the prior.
+        sizes: Variance of each output by the prior; changed to the one that explains the errors best.
+    """
+    features, freedom = len(number), windows + len(number) + 1.0
+    counts, least = np.bincount(number), 1e-12 + np.bincount(number, floor**2) / np.bincount(number)
+    for _ in range(ROUNDS):
+        prior = windows * (sizes[number] + floor**2)
+        share = np.bincount(number, np.diag(np.linalg.inv(products + np.diag(prior))) * prior)
+        sizes[:] = np.maximum(sizes * freedom * counts / ((freedom + rows) * share), 1e-3 * least)
+    prior = windows * (sizes[number] + floor**2)
+    whole = products + np.diag(prior)
+    value = 0.5 * (freedom + rows) * np.linalg.slogdet(whole)[1] - 0.5 * freedom * np.sum(np.log(prior))
+    for k in range(features):  # the multivariate gamma functions
+        value += math.lgamma(0.5 * (freedom - k)) - math.lgamma(0.5 * (freedom + rows - k))
+    return value, whole / (windows + rows)
 
 
 def _by_distance(squares: FloatArray, size: int) -> tuple[FloatArray, float]:

@@ -160,7 +160,7 @@ def _moved(problem: Problem, known: Fit, here: Fit, base: IntArray) -> float:
     off = now @ (at(known.parameters[here.free]) - at(here.parameters[here.free]))[own]
     both, target = np.concatenate([before, now]), np.concatenate([np.zeros(len(before)), off])
     apart = target - both @ np.linalg.lstsq(both, target, rcond=1e-9)[0]
-    least = 1e-6 * float(np.sum(both**2)) / both.shape[1] * np.eye(both.shape[1])
+    least = (1e-6 * float(np.sum(both**2)) / both.shape[1] + 1e-12) * np.eye(both.shape[1])
     volume = np.linalg.slogdet(both.T @ both + least)[1] - np.linalg.slogdet(before.T @ before + least)[1]
     return 0.5 * float(apart @ apart + volume)
 
