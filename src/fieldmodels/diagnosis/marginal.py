@@ -11,7 +11,7 @@ integrated out, too (Laplace's approximation).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,8 +48,6 @@ PACE = math.log(len(PACES))
 """Price of a sensor's pace [nats]: one is chosen of so many."""
 LOOKS = 3
 """Times that the paces of all sensors are looked at again, one after the other."""
-
-Paces = tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -154,25 +152,14 @@ class Evidence:
         both = np.concatenate([x, here.residual.reshape(-1, 1)], axis=1)
         products, across, powers = slow.T @ slow, slow.T @ both, both.T @ both
 
-        def solved(paces: Paces) -> tuple[float, float, FloatArray, FloatArray]:
-            """Price, loss beside it [nats], how much of each column is there, and of each zero's sine."""
-            sizes = _deviations(paces)
-            used = sizes > 0.0
-            own = sizes[used, None] * products[np.ix_(used, used)] * sizes[used]
-            root = np.linalg.cholesky(np.eye(len(own)) + own)
-            taken = np.linalg.solve(root, sizes[used, None] * across[used])
-            rest = powers - taken.T @ taken
-            b = np.linalg.lstsq(rest[:-1, :-1], rest[:-1, -1], rcond=1e-10)[0]
-            u = np.zeros(len(sizes))
-            u[used] = np.linalg.solve(root.T, taken[:, -1] - taken[:, :-1] @ b)
-            half = float(np.sum(np.log(np.diag(root)))) + PACE * sum(i > 0 for i in paces)
-            return half, 0.5 * float(rest[-1, -1] - rest[:-1, -1] @ b), b, u
-
-        paces = _least(lambda p: sum(solved(p)[:2]), (0,) * (slow.shape[1] // len(ORDERS)))
-        half, _, b, u = solved(paces)
-        sines = _deviations(paces) * u
-        left = _left(here, np.concatenate([x, slow], axis=1), np.concatenate([b, sines]))
-        return (half + 0.5 * float(u @ u) if any(paces) else math.inf), left
+        paces = _least(products, across, powers)
+        sizes = _deviations(paces).ravel()
+        half, rest, taken, root = _without(products, across, powers, sizes)
+        b, u = np.linalg.lstsq(rest[:-1, :-1], rest[:-1, -1], rcond=1e-10)[0], np.zeros(len(sizes))
+        u[sizes > 0.0] = np.linalg.solve(root.T, taken[:, -1] - taken[:, :-1] @ b)
+        price = half + PACE * sum(i > 0 for i in paces) + 0.5 * float(u @ u)
+        left = _left(here, np.concatenate([x, slow], axis=1), np.concatenate([b, sizes * u]))
+        return (price if any(paces) else math.inf), left
 
     def _value(self, here: Fit, left: FloatArray | None) -> tuple[float, FloatArray]:
         """Evidence of what a fit leaves, and the mean covariance of the errors.
@@ -335,26 +322,51 @@ def _left(here: Fit, columns: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray((here.residual.reshape(-1) - columns @ b).reshape(here.residual.shape))
 
 
-def _deviations(paces: Paces) -> FloatArray:
-    """Of every sine of every slow zero."""
-    return np.concatenate([PACES[i][0] * ORDERS ** -PACES[i][1] for i in paces])
+def _deviations(paces: Iterable[int]) -> FloatArray:
+    """Of the sines of slow zeros of these paces, shape (paces, sines)."""
+    return np.array([PACES[i][0] * ORDERS ** -PACES[i][1] for i in paces])
 
 
-def _least(at: Callable[[Paces], float], none: Paces) -> Paces:
-    """The paces of least value: each looked at in turn, from none at all."""
-    seen: dict[Paces, float] = {}
+def _without(
+    products: FloatArray, across: FloatArray, powers: FloatArray, sizes: FloatArray
+) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+    """Price of sines of given deviations, what is left beside them of other columns, and their root."""
+    used = sizes > 0.0
+    own = sizes[used, None] * products[np.ix_(used, used)] * sizes[used]
+    root = np.linalg.cholesky(np.eye(len(own)) + own)
+    taken = np.linalg.solve(root, sizes[used, None] * across[used])
+    rest = np.asarray(powers - taken.T @ taken)
+    return float(np.sum(np.log(np.diag(root)))), rest, np.asarray(taken), np.asarray(root)
 
-    def of(paces: Paces) -> float:
-        if paces not in seen:
-            seen[paces] = at(paces)
-        return seen[paces]
 
-    best = none
+def _least(products: FloatArray, across: FloatArray, powers: FloatArray) -> list[int]:
+    """The paces of slow zeros by which errors are most likely: each looked at in turn, from none at all.
+
+    Args:
+        products: Of all sines of all zeros with each other.
+        across: Of these with the columns that are fitted, and the errors.
+        powers: Of columns and errors with each other.
+    """
+    count, many = len(ORDERS), len(powers) - 1
+    table, best = _deviations(range(len(PACES))), [0] * (len(products) // count)
     for _ in range(LOOKS):
-        before = best
+        before = list(best)
         for j in range(len(best)):
-            near = range(len(PACES)) if best[j] == 0 else _near(best[j])
-            best = min([best, *((*best[:j], int(i), *best[j + 1 :]) for i in near)], key=of)
+            mine = np.arange(count) + j * count
+            columns = np.concatenate([products[:, mine], across], axis=1)
+            whole = np.block([[products[np.ix_(mine, mine)], across[mine]], [across[mine].T, powers]])
+            others = _deviations(0 if k == j else pace for k, pace in enumerate(best)).ravel()
+            _, left, _, _ = _without(products, columns, whole, others)
+            near = np.arange(len(PACES)) if best[j] == 0 else np.array([best[j], *_near(best[j])])
+            sizes = table[near]
+            own = sizes[:, :, None] * left[:count, :count] * sizes[:, None, :]
+            root = np.linalg.cholesky(np.eye(count) + own)
+            taken = np.linalg.solve(root, sizes[:, :, None] * left[:count, count:])
+            rest = left[count:, count:] - taken.transpose(0, 2, 1) @ taken
+            b = np.linalg.solve(rest[:, :many, :many] + 1e-10 * np.eye(many), rest[:, :many, many:])
+            loss = 0.5 * (rest[:, many, many] - np.sum(rest[:, many, :many] * b[:, :, 0], axis=1))
+            half = np.sum(np.log(np.diagonal(root, axis1=1, axis2=2)), axis=1) + PACE * (near > 0)
+            best[j] = int(near[np.argmin(half + loss)])
         if best == before:
             break
     return best
