@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -12,15 +13,26 @@ from fieldagents.config import ConfigError
 from fieldmodels.model import Model
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording, RecordingError, RecordingWarning, once
-from fieldmodels.recording.bench import EPISODE, NAME, NO_COMMAND, OTHER_CLOCK, TIME, Bench, Channel, beside
+from fieldmodels.recording.bench import (
+    EPISODE,
+    NAME,
+    NO_COMMAND,
+    OTHER_CLOCK,
+    TIME,
+    Bench,
+    Channel,
+    beside,
+    option,
+)
 from fieldmodels.recording.datasets import is_public, open_recording
 from fieldmodels.recording.evidence import clock_unit
 from fieldmodels.recording.files import load_recording, named, recording_of
 from fieldmodels.recording.merging import JoinedTable
-from fieldmodels.recording.proposals import ROWS, Proposal, propose
+from fieldmodels.recording.proposals import ROWS, SURE, Proposal, propose
 from fieldmodels.recording.sources import read_log
 from fieldmodels.recording.tables import SHOWN, Table
 from fieldmodels.recording.units import is_unit, is_unscaled
+from fieldmodels.recording.words import suits
 from fieldmodels.registry import get_model
 from fieldmodels.rounding import listed as in_words
 
@@ -102,7 +114,15 @@ class Logs:
                 return _over(bench, declared)
         needed = [s.name for s in (*self.model.inputs, *self.model.outputs) if not s.optional]
         needed += [] if self.rate else [TIME]
-        plain = all(n in declared.columns or _plainly(named(n, table), table) for n in needed)
+        rest = {
+            s.name: s for s in self.model.signals if s.optional and named(s.name, table) not in table.header
+        }
+        alike = [
+            n for s in rest.values() for n, u in table.units.items() if suits(n, u, s, self.model) >= SURE
+        ]
+        plain = len(alike) != 1 and all(
+            n in declared.columns or _plainly(named(n, table), table) for n in needed
+        )
         plain = (
             plain and not isinstance(table, JoinedTable) and (TIME in declared.columns or self._counts(table))
         )
@@ -118,13 +138,10 @@ class Logs:
     def _proposed(self, table: Table, declared: Bench) -> Bench:
         """What is proposed, with what was declared in its place, once it is sure or confirmed."""
         proposal = propose(table, self.model, self.rate, declared.columns, self.align)
-        inputs = {s.name for s in self.model.inputs}
         if proposal.missing:
             raise RecordingError(
-                f"{table.path}: {_needs(proposal)}; its columns are {', '.join(table.header)}: declare it by "
-                f"--column {proposal.missing[0]}=NAME:UNIT"
-                + " or --rate HZ" * (TIME in proposal.missing)
-                + ", or --input none if nothing was commanded" * any(n in inputs for n in proposal.missing)
+                f"{table.path}: {_needs(proposal)}; its columns are {', '.join(table.header)}: "
+                + _remedy(proposal, self.model)
                 + "".join(f"\n  {note}" for note in table.notes)
             )
         bench, said = proposal.bench(), f"{table.path}: its columns are read as\n{listed(proposal)}"
@@ -136,9 +153,10 @@ class Logs:
             bench.save(place)
             warnings.warn(f"{said}\n  kept in {place}", RecordingWarning, stacklevel=3)
         else:
+            one = min(proposal.columns, key=lambda c: c.confidence)
             raise RecordingError(
                 f"{said}\nwhich is not sure: take it by --accept (in Python accept=True), or correct it by "
-                "--column SIGNAL=[GAIN*]COLUMN[:UNIT]"
+                f"{option(f'{one.role}={one.channel}')}, with what is right in place of this"
             )
         self.agreed.append(bench)
         return bench
@@ -208,13 +226,14 @@ def declared(model: Model, texts: Sequence[str]) -> dict[str, dict[str, str]]:
 
 def listed(proposal: Proposal) -> str:
     """A proposal for a reader: a line a column, with how sure it is and why."""
-    lines = [f"  {c.role} = {c.channel}" for c in proposal.columns]
+    lines, still = [f"  {c.role} = {c.channel}" for c in proposal.columns], _constant(proposal)
     wide = max(map(len, lines))
     rows = [
         f"{line:<{wide}}  {100 * c.confidence:3.0f} %  {'; '.join(c.evidence)}"
         for line, c in zip(lines, proposal.columns, strict=True)
     ]
-    return "\n".join([*rows, *([f"  {still}"] if (still := _constant(proposal)) else [])])
+    rate = f"  {proposal.rate:g} rows a second" if proposal.rate else ""
+    return "\n".join(filter(None, [*rows, rate, still and f"  {still}"]))
 
 
 def asked(question: str) -> bool:
@@ -238,6 +257,18 @@ def _needs(proposal: Proposal) -> str:
     names = ["a clock (t)" if name == TIME else name for name in proposal.missing]
     still = _constant(proposal)
     return f"no column seems to hold {' or '.join(names)}{f' ({still})' if still else ''}"
+
+
+def _remedy(proposal: Proposal, model: Model) -> str:
+    """What says which columns are missing: options as they can be typed, in which names and units stand."""
+    units = {s.name: s.unit for s in model.signals}
+    free = itertools.cycle([n for n in proposal.unused if n not in proposal.constant] or ["NAME"])
+    options = [option(f"{n}={next(free)}:{units[n]}") for n in proposal.missing if n != TIME]
+    options += ["--column t=NAME:UNIT or --rate HZ"] * (TIME in proposal.missing)
+    none = ", or --input none if nothing was commanded"
+    return f"say it by {' '.join(options)}, with the right names and units" + none * any(
+        s.name in proposal.missing for s in model.inputs
+    )
 
 
 def _constant(proposal: Proposal) -> str:

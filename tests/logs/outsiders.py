@@ -6,6 +6,7 @@ Each is written by its tool's own writer where one installs, else as its documen
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -275,7 +276,13 @@ def teleplot(folder: Path) -> Expected:
         lines += [f">torque:{stamp}:{u:.4f}§Nm", f">angle:{stamp}:{y / DEG:.4f}§deg",
                   f">speed:{stamp}:{v / RPM:.4f}§rpm"]  # fmt: skip
     (folder / "teleplot.log").write_text("\n".join(lines) + "\n")
-    return entry(folder / "teleplot.log", run, "torque=torque:N m; angle=angle:deg; velocity=speed:rpm")
+    cells = [re.split("[>:§]", line)[1:] for line in lines]
+    table = ["time,name,value,unit", *(f"{t},{name},{value},{unit}" for name, t, value, unit in cells)]
+    (folder / "table.csv").write_text("\n".join(table) + "\n")
+    return entry(
+        folder / "teleplot.log", run, "torque=torque:N m; angle=angle:deg; velocity=speed:rpm",
+        refused=("row 1, '>torque", "time, name and value"), remedy=str(folder / "table.csv"),
+    )  # fmt: skip
 
 
 @log
@@ -429,9 +436,8 @@ def controldesk_mat(folder: Path) -> Expected:
     savemat(folder / "rec004.mat", {"rec004": {"X": clock, "Y": parts, "Description": {"General": "rig"}}})
     return entry(
         folder / "rec004.mat", run,
-        "t=rec004.X.Data:; force=rec004.Y.force:N; position=rec004.Y.position:mm; "
-        "velocity=rec004.Y.velocity:mm/s",
-        options={"columns": {"t": "rec004.X.Data:s"}},
+        "t=rec004.X.HostService:; force=rec004.Y.force [N]:N; position=rec004.Y.position [mm]:mm; "
+        "velocity=rec004.Y.velocity [mm/s]:mm/s",
     )  # fmt: skip
 
 
@@ -603,7 +609,7 @@ def can_csv(folder: Path) -> Expected:
         ' SG_ Position : 0|32@1- (0.0001,0) [-1000|1000] "mm" ECU\n'
     )
     with can.CSVWriter(str(folder / "bus.csv")) as file:
-        for t, a, b in zip(EPOCH + run.time, u, y, strict=True):
+        for t, a, b in zip((EPOCH + run.time).tolist(), u, y, strict=True):
             for number, value, size in ((256, 1e3 * a, 2), (257, 1e7 * b, 4)):
                 data = round(value).to_bytes(size, "little", signed=True).ljust(8, b"\0")
                 file(can.Message(timestamp=t, arbitration_id=number, data=data, is_extended_id=False))

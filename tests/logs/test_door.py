@@ -93,7 +93,7 @@ def test_an_unknown_unit_is_said_and_asked_and_an_accept_settles_it(tmp_path, ri
         RecordingError, match=r"the header says \(kip2\), which is no unit that is known"
     ) as error:
         Logs(RIG).read(str(path))
-    assert "'force=force (kip2):UNIT'" in str(error.value)
+    assert "--column 'force=GAIN*force (kip2):N' tells" in str(error.value)
     with pytest.warns(match="N is assumed"):
         read = Logs(RIG, accept=True).read(str(path))
     np.testing.assert_allclose(read["force"], rig["force"], rtol=1e-6)

@@ -177,6 +177,11 @@ class Bench:
         return all(c.column in table.header for c in self.columns.values() if c.column)
 
 
+def option(spec: str) -> str:
+    """What declares a column, as it can be typed."""
+    return "--column '" + spec.replace("'", "'\\''") + "'"
+
+
 def decoded(values: FloatArray, channel: Channel, episode: FloatArray | None = None) -> FloatArray:
     """Cells as the numbers that they stand for; see ``Channel.coding`` and ``unwrapped``."""
     if coding := _CODING.fullmatch(channel.coding):

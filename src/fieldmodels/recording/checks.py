@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Mapping, Set
 
 import numpy as np
 
@@ -112,15 +112,21 @@ def check_length(recording: Recording, horizon: float) -> list[Problem]:
     return []
 
 
-def suspicions(recording: Recording, model: Model | None, stated: Set[str] = frozenset()) -> list[str]:
+def suspicions(
+    recording: Recording,
+    model: Model | None,
+    stated: Set[str] = frozenset(),
+    columns: Mapping[str, str] | None = None,
+) -> list[str]:
     """Return reasons to think that a column is in another unit than stated, or is dead.
 
     Args:
         recording: As it was read.
         model: Whose signals are doubted; None for the clock alone.
         stated: Signals whose unit the user or the file has stated: their magnitude alone raises no doubt.
+        columns: Signal to the file's name of its column, where that differs.
     """
-    found = []
+    found, columns = [], columns or {}
     if model is None:
         step = recording.step
         if step >= 1 and step == round(step):
@@ -133,13 +139,13 @@ def suspicions(recording: Recording, model: Model | None, stated: Set[str] = fro
         if one:
             found.append(f"column {one!r} {without_sign(other)}")
     for signal in signals:
-        values = recording[signal.name]
+        values, own = recording[signal.name], columns.get(signal.name, signal.name)
         span = float(np.ptp(values))
         large = signal.angle and span > DEGREES and signal.name not in stated
         if large and not spins(values) and not turns(model, recording, signal.name):
             found.append(
                 f"column {signal.name!r} spans {span:.4g}, as radians {span / (2 * np.pi):.1f} turns; "
-                f"if it is in degrees, declare it as '{signal.name}={signal.name}:deg'"
+                f"if it is in degrees, declare it as '{signal.name}={own}:deg'"
             )
         if span == 0 and len(values) > MIN_SAMPLES and signal in model.outputs:
             found.append(f"column {signal.name!r} never changes; is the sensor connected?")
@@ -159,11 +165,11 @@ def suspicions(recording: Recording, model: Model | None, stated: Set[str] = fro
         ):
             found.append(
                 f"column {signal.name!r} is usually {usual:.2f}, a tenth of gravity; if it is in g, "
-                f"declare it as '{signal.name}={signal.name}:g'"
+                f"declare it as '{signal.name}={own}:g'"
             )
         for rate in signals:
             if rate.unit == f"{signal.unit}/s":
-                found += _wrong_scale(recording, signal, rate)
+                found += _wrong_scale(recording, signal, rate, columns)
     return found
 
 
@@ -195,7 +201,9 @@ def _backward(time: FloatArray, row: int) -> Problem:
     return Problem(f"t = {time[row]:.9g} s does not come after {time[row - 1]:.9g} s; {remedy}", row=row)
 
 
-def _wrong_scale(recording: Recording, position: Signal, rate: Signal) -> list[str]:
+def _wrong_scale(
+    recording: Recording, position: Signal, rate: Signal, columns: Mapping[str, str]
+) -> list[str]:
     """Compare a signal's changes with its measured rate: their ratio reveals a wrong unit."""
     rows = slice(0, _BLOCK)
     steps = np.diff(recording.time[rows])
@@ -213,6 +221,6 @@ def _wrong_scale(recording: Recording, position: Signal, rate: Signal) -> list[s
                 clock = "; or is t in ms?" if scale == 1e-3 and wrong is rate else ""
                 return [
                     f"column {wrong.name!r} looks as if it were in {unit}: {how}; declare it as "
-                    f"'{wrong.name}={wrong.name}:{unit}'{clock}"
+                    f"'{wrong.name}={columns.get(wrong.name, wrong.name)}:{unit}'{clock}"
                 ]
     return []

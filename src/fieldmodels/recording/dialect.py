@@ -49,6 +49,10 @@ _PAIR = re.compile(
 )
 _JSON = str.maketrans({'"': None, "{": " ", "}": " "})
 _BEHIND = re.compile(r"\d[ \u00a0]?([^\W\d_][^\s\",;|]{0,10}|[°%][^\s\",;|]{0,5})(?=\"?\s*(?:[,;|\t\r\n]|$))")
+_RATE = re.compile(
+    r"(?i)(?:(?:sampl\w+|update|scan|frame)[ _-]?(?:rate|frequency)|abtastrate)"
+    r"\W{1,6}(\d+(?:\.\d+)?)\W{0,4}(k(?=Hz))?"
+)
 _EXAMINED = 400  # lines
 _HEADERS = 6  # lines above the data that may name columns or state units
 _OPEN = re.compile(r'^(?:[^"]|"[^"]*")*?(?:^|[,;|\t]) *"(?:[^"]|"")*$')  # a cell in quotes that goes on
@@ -71,6 +75,7 @@ class Dialect:
         kinds: What the columns hold.
         header: False if the file names no columns.
         comment: Whether lines of comment stand among the rows.
+        rate: Rows a second as a line above the data says, 0 for nothing.
         suffixes: Of each column the unit that stands behind its numbers; none if there are none at all.
         pairs: Of ``name: value`` lines the pattern, a group a column; other lines are no rows.
     """
@@ -87,6 +92,7 @@ class Dialect:
     comment: bool
     pairs: str = ""
     suffixes: tuple[str, ...] = ()
+    rate: float = 0.0
 
     def cells(self, line: str) -> list[str]:
         """The cells of one line; none of a line that is no row."""
@@ -163,7 +169,9 @@ def sniff(text: str, encoding: str) -> Dialect:
     labelled = _labelled([split(line, delimiter) for _, line in rows[:_PREAMBLE]], width, number)
     first = max([first, *(k + 1 for k in labelled)])
     skip = rows[first][0] if first < len(rows) else rows[-1][0] + 1
-    texts = [found for _, line in above[-_HEADERS:] if (found := header_cells(line, delimiter, width))]
+    blank = width > 2 and not any(row[-1] for row in cells)
+    heads = (header_cells(line, delimiter, width, blank) for _, line in above[-_HEADERS:])
+    texts = [found for found in heads if found]
     if labelled:
         of_channels, *more = labelled.values()
         units_too = (
@@ -192,7 +200,14 @@ def sniff(text: str, encoding: str) -> Dialect:
         header=any(names),
         comment=any(line.lstrip().startswith(COMMENTS) for i, line in lines if i > skip),
         suffixes=behind if any(behind) else (),
+        rate=_rate([line for i, line in lines if i < skip]),
     )
+
+
+def _rate(above: Sequence[str]) -> float:
+    """Rows a second, where the lines above the data say one rate."""
+    found = {float(m[1]) * (1e3 if m[2] else 1.0) for line in above for m in _RATE.finditer(line)}
+    return found.pop() if len(found) == 1 else 0.0
 
 
 def _whole_lines(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
@@ -272,12 +287,14 @@ def _pairs(lines: Sequence[str], encoding: str) -> Dialect | None:
     )
 
 
-def header_cells(line: str, delimiter: str, width: int) -> list[str]:
-    """Cells of a line above the data, empty unless there are as many as columns."""
+def header_cells(line: str, delimiter: str, width: int, blank: bool = False) -> list[str]:
+    """Cells of a line above the data, empty unless there are as many as columns; ``blank``: the last is."""
     cells = _NAME_WITH_UNIT.findall(line) if delimiter == " " else split(line, delimiter)
     cells = [cell.strip().strip('"').strip() for cell in cells]
     if len(cells) == width - 1 and delimiter != " ":  # rows end with a separator, the header does not
         cells.append("")
+    elif len(cells) > width and blank:  # what stands beside the names says no column (Rigol)
+        cells = [*cells[: width - 1], ""]
     return cells if len(cells) == width and any(cells) else []
 
 

@@ -155,7 +155,7 @@ def clock_unit(values: FloatArray, horizon: float) -> tuple[str, str]:
             if 3 * step * scale <= horizon:
                 kind = "whole numbers that advance" if whole else "advances"
                 return unit, f"{kind} by {step:.4g} a row, so {unit}: {1 / (step * scale):.4g} rows a second"
-    return "s", f"advances by {step:.4g} a row, so s: {1 / step:.4g} rows a second"
+    return "s", f"advances by {step:.4g} a row, so s: {1 / step if step else np.inf:.4g} rows a second"
 
 
 def spins(values: FloatArray) -> bool:

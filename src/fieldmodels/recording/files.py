@@ -213,7 +213,8 @@ def recording_of(
         lost=lost,
     )
     stated = {c.signal for c in wanted if c.channel.unit or c.name in table.units}
-    return _checked(table, recording, model, horizon, clock, stated, kept)
+    columns = {c.signal: c.name for c in wanted if c.name}
+    return _checked(table, recording, model, horizon, clock, stated, kept, columns)
 
 
 def save_recording(recording: Recording, path: str | Path) -> None:
@@ -507,6 +508,7 @@ def _checked(
     clock: _Column,
     stated: Set[str],
     kept: IntArray | None,
+    columns: Mapping[str, str],
 ) -> Recording:
     """The recording on an even grid, with its suspicious columns warned of; ``kept`` are the file's rows.
 
@@ -533,7 +535,7 @@ def _checked(
             problems = [Problem(p.message, clock.name) for p in check_length(recording, horizon)]
     if problems:
         raise table.fail(problems)
-    notes = [*recording.notes, *suspicions(recording, model, stated)]
+    notes = [*recording.notes, *suspicions(recording, model, stated, columns)]
     for note in notes:
         warnings.warn(f"{recording.source}: {note}", RecordingWarning, stacklevel=3)
     return replace(recording, notes=tuple(notes))

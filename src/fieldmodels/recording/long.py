@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.tables import Series, SeriesTable, Table
 from fieldmodels.recording.text import TextTable
@@ -28,7 +29,7 @@ def a_column_each(table: TextTable) -> Table:
     if not words or not table.numbers() or table.clocks:
         return table
     try:
-        numbers = {n: v[:ROWS] for n, v in table.read(table.numbers(), ROWS).items()}
+        numbers = {n: _tolerant(table, n)[:ROWS] for n in table.numbers()}
         there = [n for n, values in numbers.items() if len({*values[np.isfinite(values)]}) > 1]
         times = [name for name in there if is_time(name, table.units.get(name, ""))]
         values = [name for name in there if name not in times]
@@ -38,7 +39,7 @@ def a_column_each(table: TextTable) -> Table:
         back = np.diff(time) <= 0.0
         if not back.any():
             return table
-        value = table[values[0]]
+        value = _tolerant(table, values[0])
     except RecordingError:  # said when they are used
         return table
     texts = table.texts(words)
@@ -52,8 +53,20 @@ def a_column_each(table: TextTable) -> Table:
         same = all(np.array_equal(time[r], time[rows[0]]) for r in rows)
         series: dict[str, Series] = {}
         for name, own in zip(map(str, names), rows, strict=True):
+            if not np.isfinite(value[own]).any():
+                continue
             clock = times[0] if same else f"{name} {times[0]}"
             series[clock] = Series.of(time[own], table.units.get(times[0], ""), "" if same else clock)
             series[name] = Series.of(value[own], units[own[0]], "" if same else clock)
         return SeriesTable(table.path, series)
     return table
+
+
+def _tolerant(table: TextTable, name: str) -> FloatArray:
+    """A column of numbers; one that also holds words has none in their place."""
+    try:
+        return table[name]
+    except RecordingError:
+        import pandas as pd
+
+        return np.asarray(pd.to_numeric(pd.Series(table.texts([name])[name]), errors="coerce"))

@@ -69,6 +69,7 @@ class JoinedTable(Table):
         self.path, self._tables = tables[0].path, list(tables)
         self._places: dict[str, tuple[int, str]] = {}
         self._units = [channel.unit or "s" for channel in channels]
+        self._worth = [factor(c.unit or "s", "s") * c.gain for c in channels]
         units: dict[str, str] = {}
         marks: dict[str, str] = {}
         for k, (table, channel) in enumerate(zip(tables, channels, strict=True)):
@@ -88,7 +89,7 @@ class JoinedTable(Table):
             k, inner = self._places[name]
             result[name] = self._tables[k].read([inner], rows)[inner]
             if self.clocks[name] == name:
-                result[name] = factor(self._units[k], "s") * result[name]
+                result[name] = self._worth[k] * result[name]
         return result
 
     def place(self, rows: Sequence[int], column: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Mapping, Set
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -13,7 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, Signal
 from fieldmodels.names import did_you_mean
-from fieldmodels.recording.bench import EPISODE, OTHER_CLOCK, TIME, Bench, Channel, decoded
+from fieldmodels.recording.bench import EPISODE, OTHER_CLOCK, TIME, Bench, Channel, decoded, option
 from fieldmodels.recording.clipping import wraps
 from fieldmodels.recording.data import Recording, RecordingError
 from fieldmodels.recording.evidence import (
@@ -52,7 +53,10 @@ ROWS = 20_000
 """Rows of a log that are looked at."""
 LESS = 0.8
 """Of its motion in the first quarter of a record, to which a motion must have died away in the last one."""
+FASTEST = 5000.0
+"""Rows a second above which a clock without a unit rather counts something else."""
 _NAMED, _NAMED_OPTIONAL = 0.3, 0.6  # least that a name must suit a signal
+_TIE = 0.02  # names suit as well as each other
 _MOST_TRIED = 5  # columns without a telling name that are tried in each other's places
 
 
@@ -102,9 +106,9 @@ class Proposal:
         columns: One for each signal that was found, in the model's order, the clock first.
         missing: Signals that the model needs and no column seems to hold; ``t`` if there is no clock, so
             that a rate must be given.
-        unused: Columns of numbers that are left over.
+        unused: Columns of numbers that are left over and do not only number the rows.
         constant: Those of them that never change, and so tell nothing.
-        rate: Rows a second, as it was given.
+        rate: Rows a second, as it was given, or as a file without a clock says above its table.
         aligned: Whether clocks are moved by command and response alone, so that no delay can be told.
     """
 
@@ -165,12 +169,15 @@ def propose(
     clock = stated.pop(TIME, None) or (
         None if rate else _clock(table, min(model.horizons, default=0.2), values)
     )
+    rate = rate or (table.rate or None if clock is None and not table.clocks else None)
     taken = {clock and clock.column, *table.clocks.values(), *(c.column for c in stated.values())}
     rest = {n: v for n, v in values.items() if n not in taken}
     constant = {name for name, column in rest.items() if _never_changes(table, name, column)}
-    found = _by_names(table, model, rest, set(stated) | silent, constant) | stated
+    found = _by_names(table, model, rest, stated, silent, constant) | stated
     if clock is None and table.clocks and found:
-        master = next((found[s.name].column for s in model.outputs if s.name in found), next(iter(rest)))
+        master = next(
+            (found[s.name].column for s in model.outputs if s.name in found), next(iter(table.clocks))
+        )
         name = table.clocks[master]
         clock = _in_its_unit(table, name, values[name], min(model.horizons, default=0.2), True)
         clock = replace(clock, evidence=(f"the clock of {master!r}", *clock.evidence))
@@ -187,7 +194,7 @@ def propose(
     roles = [s.name for s in model.signals]
     columns = sorted(found.values(), key=lambda c: roles.index(c.role) if c.role in roles else -1)
     needed = [s.name for s in (*model.inputs, *model.outputs) if not s.optional]
-    unused = tuple(n for n in rest if n not in {c.column for c in columns})
+    unused = tuple(n for n in rest if n not in {c.column for c in columns} and not counts(rest[n]))
     return Proposal(
         model=model.name,
         columns=(*([clock] if clock else []), *moved, *columns),
@@ -323,7 +330,14 @@ def _in_its_unit(table: Table, name: str, values: FloatArray, horizon: float, na
     if not unit or not converts(unit, "s"):
         said = f"the header says ({unit}), which is no unit of time; " if unit else ""
         unit, why = clock_unit(values, horizon)
-        why, sure = said + why, 0.8 if said or unit == "d" else 0.95 if named else 0.9
+        step = float(np.median(np.diff(values)))
+        rate = 1.0 / (step * factor(unit, "s")) if step > 0.0 and unit != "d" else 0.0
+        if rate > FASTEST and table.rate:
+            why = f"advances by {step:.4g} a row, and the file says {table.rate:g} rows a second"
+            return ColumnProposal(
+                TIME, name, "s", 1.0 / (table.rate * step), confidence=0.85, evidence=(said + why,)
+            )
+        why, sure = said + why, 0.8 if said or unit == "d" or rate > FASTEST else 0.95 if named else 0.9
     return ColumnProposal(TIME, name, unit, confidence=sure, evidence=(why,))
 
 
@@ -355,18 +369,24 @@ def clock_of(table: Table) -> ColumnProposal | None:
 
 
 def _by_names(
-    table: Table, model: Model, values: Mapping[str, FloatArray], stated: Set[str], constant: Set[str]
+    table: Table,
+    model: Model,
+    values: Mapping[str, FloatArray],
+    stated: Mapping[str, ColumnProposal],
+    silent: Set[str],
+    constant: Set[str],
 ) -> dict[str, ColumnProposal]:
     """Signals that are not stated yet to columns, by the sum of how well names and units suit.
 
-    A constant column is no command and no optional signal, whatever its name.
+    A constant column is no command and no optional signal, whatever its name. Of what suits as well as
+    another a response is what shares more of its command's name: its joint, its axis, its index.
     """
     names = list(values)
     found: dict[str, ColumnProposal] = {}
     for name in names:
         whole = np.array_equal(values[name], np.round(values[name]))
         if (
-            EPISODE not in stated
+            EPISODE not in {*stated, *silent}
             and "episode" in meanings(name)
             and whole
             and len(np.unique(values[name])) < 0.2 * len(values[name])
@@ -374,25 +394,40 @@ def _by_names(
             found[EPISODE] = ColumnProposal(EPISODE, name, "", confidence=0.95, evidence=("its name",))
             names.remove(name)
             break
-    signals = [s for s in model.signals if s.name not in stated]
+    signals = [s for s in model.signals if s.name not in {*stated, *silent}]
     if not names or not signals:
         return found
     scores = np.array([[suits(n, table.units.get(n, ""), s, model) for n in names] for s in signals])
     still = np.outer([s in model.inputs or s.optional for s in signals], [n in constant for n in names])
     scores[still] = 0.0
+    scores[(scores < 1.0) & [counts(values[n]) for n in names]] = 0.0
     weight = np.array([[1.0 if not s.optional else 0.6] for s in signals])
-    for i, j in zip(*linear_sum_assignment(-(weight * scores)), strict=True):
+    commands = {s.name for s in model.inputs}
+    told = [one.column for role, one in stated.items() if role in commands] + [
+        names[j]
+        for i, j in zip(*linear_sum_assignment(-(weight * scores)), strict=True)
+        if signals[i].name in commands and scores[i, j] >= _NAMED
+    ]
+    shared = np.array([[max((_shared(n, c) for c in told if c != n), default=0.0) for n in names]])
+    shared = np.where([[s.name in commands] for s in signals], 0.0, _TIE * shared * (scores > 0.0))
+    for i, j in zip(*linear_sum_assignment(-(weight * scores + shared)), strict=True):
         signal, score = signals[i], float(scores[i, j])
         if score < (_NAMED_OPTIONAL if signal.optional else _NAMED):
             continue
         why = f"its name{' and unit' if names[j] in table.units else ''}"
         one = ColumnProposal(signal.name, names[j], "", confidence=max(score, 0.0), evidence=(why,))
-        others = [n for k, n in enumerate(names) if k != j and scores[i, k] >= score - 0.02]
+        others = [n for k, n in enumerate(names) if k != j and scores[i, k] >= score - _TIE]
         free = [n for n in others if n not in {c.column for c in found.values()}]
         if free and score < 1.0:
             one = one.doubted(0.6, f"{' and '.join(map(repr, free[:2]))} would suit as well")
         found[signal.name] = one
     return found
+
+
+def _shared(one: str, other: str) -> float:
+    """Share of the words and numbers of two names that both have."""
+    ours, theirs = (set(re.findall(r"[^\W_]+", name.lower())) for name in (one, other))
+    return len(ours & theirs) / max(len(ours | theirs), 1)
 
 
 def _by_data(
@@ -511,6 +546,7 @@ def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnPropo
         if rate_signal is not None and rate_signal.name != one.role:
             rate_column = found[rate_signal.name].column
             rate_unit = view.table.units.get(rate_column, "")
+            rate_unit = rate_unit if converts(rate_unit, "rad/s") else ""
             rate = view.column(rate_column) * (factor(rate_unit, "rad/s") if rate_unit else 1.0)
         unit, why = angle_unit(view.column(one.column), rate, view.step, rate_unit)
         if unit == "deg":
@@ -523,14 +559,13 @@ def _with_unit(view: _View, one: ColumnProposal, found: Mapping[str, ColumnPropo
 
 def _not_read(stated: str, one: ColumnProposal, signal: Signal) -> str:
     """Why a stated unit is not taken for a signal, and how to say what it is."""
+    spec = f"{signal.name}=GAIN*{one.column}:{signal.unit}"
+    worth = f"{option(spec)} tells, with how many {signal.unit} one is in place of GAIN"
     if is_unit(stated) or is_unscaled(stated):
-        size = "has no size" if is_unscaled(stated) else f"is no unit of {signal.name!r}"
+        size = f"has no size; {worth}" if is_unscaled(stated) else f"is no unit of {signal.name!r}"
         return f"the file states {stated}, which {size}"
     close = did_you_mean(stated, known_units()).partition(" (known")[0]
-    return (
-        f"the header says ({stated}), which is no unit that is known{close}; declare it as "
-        f"'{signal.name}={one.column}:UNIT' if it is one"
-    )
+    return f"the header says ({stated}), which is no unit that is known{close}; {worth}"
 
 
 def _turning(view: _View, found: dict[str, ColumnProposal]) -> dict[str, ColumnProposal]:

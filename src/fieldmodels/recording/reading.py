@@ -29,14 +29,18 @@ _MAGIC = (
     (b"\x89MCAP0", "ros"),
     (b"ULog", "ulog"),
     (b"\xa3\x95\x80", "dataflash"),
+    (b"FMT, 128,", "dataflash"),
+    (b"FMT,128,", "dataflash"),
+    (b"# Created by Octave", "matlab"),
     (b"TDSm", "tdms"),
     (b"WPILOG", "wpilog"),
     (b"LabVIEW Measurement", "lvm"),
 )
 _CAN = re.compile(
     rb"\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#|date [^\n]*\n\s*base (hex|dec)|;\$FILEVERSION|LOGG"
+    rb"|timestamp,arbitration_id,"
 )
-"""How traces of candump, Vector (text and binary) and PCAN begin."""
+"""How traces of candump, Vector (text and binary), PCAN and python-can begin."""
 _FOLDERS = {"metadata.yaml": "ros", "meta/info.json": "lists"}
 """File that a folder holds to the module that reads it."""
 DATABASES = (".dbc", ".arxml", ".kcd")

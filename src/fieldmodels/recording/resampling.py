@@ -57,7 +57,8 @@ def evened(recording: Recording, model: Model | None) -> Recording:
     steps = np.concatenate([np.diff(part.time) for part in parts])
     coarse = float(np.mean(steps <= 0)) > COARSE
     if coarse:  # the rows are the better clock
-        step = sum(float(np.ptp(p.time)) for p in parts) / max(sum(len(p) - 1 for p in parts), 1)
+        slopes = [np.polyfit(np.arange(len(p)), p.time, 1)[0] for p in parts if len(p) > 1]
+        step = float(np.average(slopes, weights=[len(p) for p in parts if len(p) > 1]))
         times = [part.time[0] + step * np.arange(len(part)) for part in parts]
     else:
         parts = [_merged(part) for part in parts]

@@ -73,6 +73,7 @@ class Table(ABC):
         clocks: Column name to the column that holds its times, in a file of several rates; empty for one.
         notes: Peculiarities of the file.
         named: False if the file names no columns, so that they are ``column 1`` and so on.
+        rate: Rows a second as the file says beside its table; 0 for nothing.
     """
 
     path: Path
@@ -81,6 +82,7 @@ class Table(ABC):
     clocks: Mapping[str, str] = {}
     notes: tuple[str, ...] = ()
     named: bool = True
+    rate: float = 0.0
 
     @abstractmethod
     def read(self, names: Sequence[str], rows: int | None = None) -> dict[str, FloatArray]:

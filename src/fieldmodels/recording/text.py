@@ -34,7 +34,7 @@ from fieldmodels.recording.tables import (
     over_midnight,
     stamps,
 )
-from fieldmodels.recording.units import canonical
+from fieldmodels.recording.units import canonical, converts, factor
 from fieldmodels.recording.words import is_time
 
 _SAMPLE = 1 << 20  # bytes in which the dialect is found
@@ -72,7 +72,13 @@ class TextTable(Table):
             self.dialect = sniff(text, encoding)
         except csv.Error as error:
             raise RecordingError(f"{path}: a cell among the first rows is too long ({error})") from None
-        self.header, self.named = self.dialect.names, self.dialect.header
+        self.header, self.named, self.rate = self.dialect.names, self.dialect.header, self.dialect.rate
+        if self.dialect.kinds == ("text",):
+            first = next(line for line in text.splitlines() if line.strip())
+            raise RecordingError(
+                f"{path}: row 1, {first[:60]!r}: no line holds numbers between ',', ';', tabs, '|' or "
+                "blanks, or after names as in 'name: value'; write a table with the columns time, name and value"
+            )
         self._doubled = {name for name, count in Counter(self.header).items() if count > 1}
         self.units = {n: u for n, u in zip(self.header, self.dialect.units, strict=True) if u}
         self.units |= dict.fromkeys(self._of_kind("time"), "s")
@@ -80,7 +86,9 @@ class TextTable(Table):
         if left := [line for line in lines if not self.dialect.cells(line)]:
             self.notes = (f"lines without {', '.join(self.header)} are left out, as {left[-1]!r}",)
         self._row_bytes = max(2.0, len(start) / (1 + start.count(b"\n")))
+        self._rest: dict[str, tuple[str, float]] = {}
         self.clocks = self._side_by_side()
+        self._rest = self._in_parts()
 
     def numbers(self) -> tuple[str, ...]:
         """Columns of which most cells are numbers or times, and whose name is no other column's, too."""
@@ -114,8 +122,29 @@ class TextTable(Table):
         own: Iterator[str] = accumulate(names, lambda clock, name: name if name in times else clock)
         return dict(zip(names, own, strict=True))
 
+    def _in_parts(self) -> dict[str, tuple[str, float]]:
+        """A clock of whole seconds to the column beside it that holds the rest of each, and its worth [s]."""
+        for whole, rest in pairwise(self.numbers()):
+            unit = self.units.get(rest) or re.split(r"[^a-z]", rest.lower())[-1]
+            worth = factor(unit, "s") if converts(unit, "s") else 1.0
+            if worth == 1.0 or not is_time(whole, self.units.get(whole, "")) or self.clocks:
+                continue
+            with suppress(RecordingError):  # said when they are used
+                seconds, parts = self._read([whole, rest], _LOOKED_AT).values()
+                within = (seconds == np.floor(seconds)).all() and (
+                    (parts >= 0.0) & (parts * worth < 1.0)
+                ).all()
+                if within and (np.diff(seconds) == 0.0).any() and is_clock(seconds + worth * parts):
+                    self.notes += (f"{whole!r} and {rest!r} are read as one clock",)
+                    return {whole: (rest, worth)}
+        return {}
+
     def read(self, names: Sequence[str], rows: int | None = None) -> dict[str, FloatArray]:
         """Read columns as ``_read``; one with times of its own ends where they end."""
+        for whole, (rest, worth) in self._rest.items():
+            if whole in names:
+                found = self._read([*{*names, rest}], rows)
+                return {n: found[n] + worth * found[rest] if n == whole else found[n] for n in names}
         if not self.clocks:
             return self._read(names, rows)
         clocks = {name: self.clocks.get(name, self.header[0]) for name in names}

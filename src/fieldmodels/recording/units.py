@@ -25,7 +25,20 @@ _UNITS: dict[str, dict[str, str]] = _TABLES["units"]
 _SPELLINGS: dict[str, str] = {
     other: unit for unit, others in _TABLES["spellings"].items() for other in others
 }
-_UNSCALED = ("counts", "count", "ticks", "tick", "lsb", "inc", "inkremente", "digits", "raw", "steps")
+_UNSCALED = (
+    "counts",
+    "count",
+    "cnt",
+    "cts",
+    "ticks",
+    "tick",
+    "lsb",
+    "inc",
+    "inkremente",
+    "digits",
+    "raw",
+    "steps",
+)
 _TEMPERATURES = {
     ("°C", "K"): (1.0, 273.15),
     ("K", "°C"): (1.0, -273.15),
@@ -34,7 +47,8 @@ _TEMPERATURES = {
 }
 """Gain and offset between units whose zeros differ, exact by definition (BIPM 2019)."""
 _ANGLES = ("radian", "degree", "turn", "arcminute", "arcsecond", "grade")
-_WRITTEN = re.compile(r"[\w µμ°%/*^().²³-]{1,40}")
+_WRITTEN = re.compile(r"[\w µμ°%/*^().⁻¹²³-]{1,40}")
+_SCALED = re.compile(r"(\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)(?:/([1-9]\d*))? *[*x×]? *([^\W\d].*|[°%].*)")
 
 
 class UnitError(ValueError):
@@ -55,7 +69,7 @@ def known_units() -> tuple[str, ...]:
 
 def is_unit(text: str, usual: bool = False) -> bool:
     """Whether a word is a unit of a quantity that models have; one of the usual ones, if asked so."""
-    have = canonical(text)
+    have = _scaled(canonical(text))[1]
     if not text.strip(" []()") or have in known_units() or usual:
         return bool(text.strip(" []()")) and have in known_units()
     return any(_measures(have, si) for si in _UNITS if si != "1")  # pint's numbers are bits and mils
@@ -63,7 +77,7 @@ def is_unit(text: str, usual: bool = False) -> bool:
 
 def is_unscaled(text: str) -> bool:
     """Whether a header's word counts something without saying what one is worth."""
-    return canonical(text).lower() in _UNSCALED
+    return canonical(text).lower().partition("/")[0].strip() in _UNSCALED
 
 
 def converts(unit: str, wanted: str) -> bool:
@@ -87,6 +101,9 @@ def factor(unit: str, wanted: str) -> float:
         UnitError: If the unit is unknown or measures another quantity.
     """
     have, want = canonical(unit), canonical(wanted)
+    size, bare = _scaled(have)
+    if size != 1.0:
+        return size * factor(bare, wanted)
     if have == want:
         return 1.0
     others = _UNITS.get(want, {})
@@ -109,7 +126,17 @@ def factor(unit: str, wanted: str) -> float:
         return _ratio(have.replace(" ", "*"), want)
     if have in known_units():
         raise UnitError(f"unit {unit!r} does not measure a quantity in {wanted!r} (possible: {allowed})")
-    raise UnitError(f"unknown unit {unit!r}{did_you_mean(have, [want, *others])}; possible: {allowed}")
+    raise UnitError(
+        f"unknown unit {unit!r}{did_you_mean(have, [want, *others])}; possible: {allowed}; of another one "
+        f"state what it is worth, as in 'SIGNAL=0.0015*COLUMN:{want}'"
+    )
+
+
+def _scaled(unit: str) -> tuple[float, str]:
+    """How many of a unit one is, and that unit ("0.01 deg", "1/100 deg", "10 ms"); "10 V" may be a range."""
+    found = _SCALED.fullmatch(unit)
+    size, bare = (float(found[1]) / float(found[2] or 1), canonical(found[3])) if found else (1.0, unit)
+    return (size, bare) if size < 1.0 or bare in _UNITS["s"] else (1.0, unit)
 
 
 def zero_of(unit: str, wanted: str) -> tuple[float, float] | None:
@@ -124,7 +151,10 @@ def si_unit(unit: str) -> tuple[str, float]:
     Raises:
         UnitError: If the unit is unknown; for "g" too, which could be a mass or an acceleration.
     """
-    have = canonical(unit)
+    size, have = _scaled(canonical(unit))
+    if size != 1.0:
+        si, worth = si_unit(have)
+        return si, size * worth
     homes = [si for si, others in _UNITS.items() if have == si or have in others]
     if len(homes) == 1:
         return homes[0], factor(have, homes[0])
@@ -180,7 +210,11 @@ def _registry() -> UnitRegistry[Any]:
 @cache
 def _ratio(name: str, si: str) -> float:
     """The factor from what pint calls a unit to an SI unit; an angle is no number, though pint allows it."""
-    if not _WRITTEN.fullmatch(name) or re.search(r"\^\s*\(?-?\d\d|\*\*", name):
+    if (
+        not _WRITTEN.fullmatch(name)
+        or re.match(r"\d[\d.]*\*", name)
+        or re.search(r"\^\s*\(?-?\d\d|\*\*", name)
+    ):
         raise UnitError(f"unknown unit {name!r}")
     registry = _registry()
     try:

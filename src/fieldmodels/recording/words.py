@@ -10,7 +10,16 @@ from itertools import accumulate
 from pathlib import Path
 
 from fieldmodels.model import Model, Signal
-from fieldmodels.recording.units import UnitError, canonical, converts, is_unit, is_unscaled, si_unit, zero_of
+from fieldmodels.recording.units import (
+    UnitError,
+    canonical,
+    converts,
+    is_unit,
+    is_unscaled,
+    known_units,
+    si_unit,
+    zero_of,
+)
 from fieldmodels.yaml import load_yaml
 
 _SHORT = 4  # letters from which a word counts within a longer one (Sollmoment)
@@ -29,11 +38,13 @@ _NEAR = {
     frozenset(("force", "current")): 0.5, frozenset(("current", "voltage")): 0.3,
     frozenset(("torque", "voltage")): 0.4, frozenset(("force", "voltage")): 0.4,  # of a motor without a drive
 }  # fmt: skip
+_ROLES = {"command", "measured"}
 _PLACES = ("left", "right", "x", "y")
 _LETTERS = ("N", "V", "A", "s")  # units of one letter that a name may end with, as in F_N
 _BRACKETS = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)")
 _INDEX = re.compile(r"[\d\s.,:;+-]*\d[\d\s.,:;+-]*")
-_SIZE = re.compile(r"^[+-]?\d[\d.,]*\s+(?=\D)")
+_SIZE = re.compile(r"(?i)^([+-]?[1-9][\d.,]*\s+(?=\D)|units?:\s*)")
+_GREEK = re.compile("[α-ωΑ-Ω]")
 _ARGUMENT = re.compile(r"(?<=\w)[(\[][tkin][)\]]")  # x(t) is no number of tonnes
 
 
@@ -61,7 +72,7 @@ def without_unit(header: str) -> tuple[str, str]:
     does not (``control[0]``, ``motor (5)``), nor words in brackets that describe (``W (IMU)``). What else
     stands in brackets is given as it is, whether or not it is a unit that anybody knows.
     """
-    header = _ARGUMENT.sub("", header)
+    header = _ARGUMENT.sub("", header).rstrip("_")  # MATLAB makes Torque_Nm_ of Torque [Nm]
     found = [(match, (match[1] or match[2] or "").strip()) for match in _BRACKETS.finditer(header)]
     told = [(m, text) for m, text in found if m.start() and text and not _INDEX.fullmatch(text)]
     name, _, last = _BRACKETS.sub("", header).rpartition(", ")
@@ -82,8 +93,11 @@ def without_unit(header: str) -> tuple[str, str]:
     for name, last, least in sorted(ends, key=lambda end: -len(end[1])):
         name, last = name.strip(), last.strip()
         long = len(last) >= least or (last in _LETTERS and header == f"{name}_{last}")
-        if name and long and not last.isdigit() and not set(last) & set("[]()") and _is_stated(last, name):
+        bare = name and long and not last.isdigit() and not set(last) & set("[]()")
+        if bare and _is_stated(last, name) and _goes_with(name, last):
             return name, last
+        if name and len(last) > 1 and header.islower() and (unit := _cased(last, name)):
+            return name, unit
     return header, ""
 
 
@@ -146,6 +160,19 @@ def _is_stated(text: str, name: str, sure: bool = False) -> bool:
     return sure or _alike(quantity(meanings(name), ""), quantity(frozenset(), text))
 
 
+def _cased(text: str, name: str) -> str:
+    """The usual unit of a name's quantity that a name in lower case ends with (``torque_nm``), or nothing."""
+    wanted = quantity(meanings(name), "")
+    alike = (unit for unit in known_units() if canonical(unit).replace(" ", "").lower() == text)
+    return next((unit for unit in alike if wanted and quantity(frozenset(), unit) == wanted), "")
+
+
+def _goes_with(name: str, unit: str) -> bool:
+    """Whether a name's quantity may have a unit: what flows in (`current_in`) is not in inches."""
+    one, other = quantity(meanings(name), ""), quantity(frozenset(), unit)
+    return not (one and other in _QUANTITIES) or _alike(one, other)
+
+
 def _describes(text: str) -> bool:
     """Whether words in brackets say what a column is ("left", "IMU", "arm.phi"), and so state no unit."""
     return re.search(r"[A-Za-z]{3}\.\w", text) is not None or all(
@@ -154,9 +181,10 @@ def _describes(text: str) -> bool:
 
 
 def _plain(text: str) -> str:
-    """Without accents."""
+    """Without accents, and Greek letters by their names."""
     letters = unicodedata.normalize("NFKD", text.replace("ß", "ss"))
-    return "".join(c for c in letters if not unicodedata.combining(c))
+    plain = "".join(c for c in letters if not unicodedata.combining(c))
+    return _GREEK.sub(lambda letter: f" {unicodedata.name(letter[0]).split()[-1].lower()} ", plain)
 
 
 def _alike(one: str, other: str) -> bool:
@@ -178,7 +206,7 @@ def meanings(name: str) -> frozenset[str]:
     for part in (p.lower() for p in parts):
         whole = _words().get(part)
         if whole is not None:
-            found |= whole
+            found = found - (_ROLES if whole & _ROLES else set()) | whole  # the last one: controller.state
             continue
         inside = sorted((w for w in _words() if len(w) >= _SHORT and w in part), key=len, reverse=True)
         for word in inside:

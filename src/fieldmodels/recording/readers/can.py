@@ -1,4 +1,4 @@
-"""CAN traces (candump, .asc, .blf, .trc, raw .mf4) with a DBC, by python-can and asammdf (extra ``can``)."""
+"""CAN traces (candump, .asc, .blf, .trc, .csv, .mf4) with a DBC, by python-can and asammdf (``can``)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,8 @@ def _raw(path: Path) -> Any:
     from asammdf.blocks.v4_blocks import SourceInformation
     from asammdf.blocks.v4_constants import BUS_TYPE_CAN, SOURCE_BUS
 
-    readers = {"(": can.CanutilsLogReader, "d": can.ASCReader, ";": can.TRCReader, "L": can.BLFReader}
+    readers = {"(": can.CanutilsLogReader, "d": can.ASCReader, ";": can.TRCReader, "L": can.BLFReader,
+               "t": can.CSVReader}  # fmt: skip
     with path.open("rb") as opening:
         first = opening.read(100).lstrip()[:1].decode(errors="replace")
     if first not in readers:

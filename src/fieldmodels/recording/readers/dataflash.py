@@ -1,4 +1,4 @@
-"""ArduPilot's DataFlash logs (.bin), by pymavlink (extra ``ardupilot``): every message with its clock."""
+"""ArduPilot's DataFlash logs (.bin; .log as text), by pymavlink (``ardupilot``): messages, their clocks."""
 
 from __future__ import annotations
 
@@ -25,6 +25,9 @@ def read(path: Path) -> SeriesTable:
 
     result: dict[str, Series] = {}
     check_size(path, path.stat().st_size // 8, 1)
+    with path.open("rb") as opening:
+        if opening.read(3) == b"FMT":
+            return _of_text(path)
     with readable(path, "DataFlash log"), closing(Index(str(path))) as file:
         data = np.fromfile(path, np.uint8)
         for kind, form in file.formats.items():
@@ -38,6 +41,33 @@ def read(path: Path) -> SeriesTable:
                         values = some[column] * (form.msg_mults[j] or 1)
                         series = Series.of(values, _NO_UNIT.sub("", stated), f"{name}.{clock}")
                         result[f"{name}.{column}"] = series
+    return SeriesTable(path, result)
+
+
+def _of_text(path: Path) -> SeriesTable:
+    """The same of a log as text, whose numbers are in the stated units already."""
+    from pymavlink.DFReader import DFReader_text
+
+    class Index(DFReader_text):  # type: ignore[misc]
+        init_clock = DFReader_text.init_clock_usec
+
+    rows: dict[str, list[Any]] = {}
+    with readable(path, "DataFlash log"), closing(Index(str(path))) as file:
+        for message in iter(file.recv_msg, None):
+            number = getattr(message, message.fmt.instance_field) if message.fmt.instance_field else None
+            name = message.get_type() if number is None else f"{message.get_type()}[{number}]"
+            rows.setdefault(name, []).append(message)
+        result: dict[str, Series] = {}
+        for name, some in rows.items():
+            form = some[0].fmt
+            clock = next((column for column in form.columns if column in _CLOCKS), "")
+            for j, column in enumerate(form.columns if clock and len(some) > 1 else ()):
+                values = np.array([getattr(message, column) for message in some])
+                if values.dtype.kind in "iuf":
+                    stated = form.units[j] if form.units else _CLOCKS.get(column, "")
+                    result[f"{name}.{column}"] = Series.of(
+                        values, _NO_UNIT.sub("", stated), f"{name}.{clock}"
+                    )
     return SeriesTable(path, result)
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fieldmodels.recording.readers.matlab import without_objects
-from fieldmodels.recording.readers.nested import flattened
+from fieldmodels.recording.readers.nested import arrays, flattened
+from fieldmodels.recording.readers.runs import joined
 from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
-from fieldmodels.recording.words import unit_of
+from fieldmodels.recording.words import meanings, unit_of
 
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT")
 
@@ -19,7 +21,7 @@ def read(path: Path) -> SeriesTable:
     """Read all datasets; what lies in other files (links, external and virtual data) is left alone."""
     import h5py
 
-    arrays: dict[str, Any] = {}
+    data: dict[str, Any] = {}
     units: dict[str, str] = {}
 
     def visit(name: str, node: Any) -> None:
@@ -33,7 +35,7 @@ def read(path: Path) -> SeriesTable:
         key = name.replace("/", ".")
         sizes.append(node.size * max(1, len(node.dtype.names or ())))
         check_size(path, sum(sizes), 1)
-        arrays[key] = node[()]
+        data[key] = node[()]
         stated = next((node.attrs[u] for u in _UNITS if u in node.attrs), "")
         units[key] = stated.decode(errors="replace") if isinstance(stated, bytes) else str(stated)
 
@@ -41,15 +43,28 @@ def read(path: Path) -> SeriesTable:
     objects: dict[str, str] = {}
     with readable(path, "HDF5 file"), h5py.File(path, "r") as file:
         file.visititems(visit)
-    found = flattened(_nested(arrays))
+    found = _runs(data) or flattened(_nested(data))
     return without_objects(path, {
         name: Series(s.load, s.rows, units.get(name.partition("[")[0]) or s.unit or unit_of(name), s.clock)
         for name, s in found.items()
     }, objects)  # fmt: skip
 
 
-def _nested(arrays: dict[str, Any]) -> dict[str, np.ndarray]:
+def _runs(found: dict[str, Any]) -> dict[str, Series]:
+    """Columns of numbered runs (``data/demo_0/actions``), one after the other; none if there are none."""
+    paths = [re.fullmatch(r"(.*?\D)(\d+)\.(.+)", key) for key in found]
+    first = paths[0] if paths else None
+    if first is None or "episode" not in meanings(first[1]) or not all(p and p[1] == first[1] for p in paths):
+        return {}
+    runs: dict[int, dict[str, Any]] = {}
+    for path, values in zip(paths, found.values(), strict=True):
+        if path is not None:
+            runs.setdefault(int(path[2]), {}).update(arrays(values, path[3]))
+    return joined([run for _, run in sorted(runs.items()) if len({len(v) for v in run.values()}) == 1])
+
+
+def _nested(data: dict[str, Any]) -> dict[str, np.ndarray]:
     """Arrays by their path; a single one at the top gives its columns their own names."""
-    if len(arrays) == 1 and (only := next(iter(arrays.values()))).dtype.names:
+    if len(data) == 1 and (only := next(iter(data.values()))).dtype.names:
         return {name: only[name] for name in only.dtype.names}
-    return arrays
+    return data

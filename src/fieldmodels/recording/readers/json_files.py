@@ -48,18 +48,51 @@ def read(path: Path) -> SeriesTable:
 def _columns(data: Any) -> Any:
     """Nested lists of one length a column, out of the ways in which JSON holds a table."""
     if isinstance(data, list) and data and isinstance(data[0], Mapping):
+        if kinds := _kinds(data):
+            return {kind: _columns(records) for kind, records in kinds.items()}
         flat = [_flat(record, "") for record in data]
         return {
             name: [record.get(name) for record in flat] for name in dict.fromkeys(k for r in flat for k in r)
         }
     if isinstance(data, Mapping):
+        inner = [*data.values()]
+        if inner and all(
+            isinstance(one, Mapping) and not any(map(_is_nested, one.values())) for one in inner
+        ):
+            if all(map(str.isdigit, data)):  # pandas: records by their numbers
+                return _columns(inner)
+            if inner[0] and all([*one] == [*inner[0]] and all(map(str.isdigit, one)) for one in inner):
+                return {name: [*column.values()] for name, column in data.items()}
         names = data.get("columns") or data.get("names") or data.get("header")
         rows = data.get("data") or data.get("rows") or data.get("values")
         if isinstance(names, list) and isinstance(rows, list) and rows and isinstance(rows[0], list):
             return {str(name): [row[j] for row in rows] for j, name in enumerate(names)}
         columns = {key: _columns(value) for key, value in data.items()}
-        return columns["data"] if set(columns) <= {"data", "meta", "info"} and "data" in columns else columns
+        return (
+            columns["data"]
+            if set(columns) <= {"data", "meta", "info", "schema"} and "data" in columns
+            else columns
+        )
     return data
+
+
+def _is_nested(value: Any) -> bool:
+    return isinstance(value, (Mapping, list))
+
+
+def _kinds(records: list[Any]) -> dict[str, list[dict[str, Any]]]:
+    """Records of several sensors by the field that names each, all of which have fields of their own."""
+    common = set.intersection(*(set(record) for record in records))
+    for field in sorted(common):
+        names = {record[field] for record in records if isinstance(record[field], str)}
+        kinds: dict[str, list[dict[str, Any]]] = {name: [] for name in names}
+        if not 1 < len(names) <= WIDEST or not all(isinstance(record[field], str) for record in records):
+            continue
+        for record in records:
+            kinds[record[field]].append({key: value for key, value in record.items() if key != field})
+        if all(set(some[0]) - common for some in kinds.values()):
+            return kinds
+    return {}
 
 
 def _flat(record: Mapping[str, Any], prefix: str) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from fieldmodels.recording.readers.nested import flattened
 from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
 
 _COMPRESSED = 15
+_LABELS, _UNITS = ("label", "Name"), ("unit", "Unit")
 _DATASET = (
     "for k = 1:numElements({0}), e = getElement({0}, k); s.(matlab.lang.makeValidName(e.Name)) = "
     "struct('t', e.Values.Time, 'data', squeeze(e.Values.Data)); end"
@@ -35,6 +36,13 @@ def read(path: Path) -> SeriesTable:
     from scipy.io import loadmat
     from scipy.io.matlab import MatlabOpaque
 
+    with path.open("rb") as opening:
+        octave = opening.read(9) == b"# Created"
+    if octave:
+        name = path.with_suffix(".v7.mat").name
+        raise RecordingError(
+            f"{path}: Octave's text; load it there and write it by `save -v7 {name}`, which is read"
+        )
     with readable(path, "MATLAB file"):
         check_size(path, _unpacked(path) // 8, 1)
         data = loadmat(path, squeeze_me=True, struct_as_record=False)
@@ -68,13 +76,14 @@ def without_objects(path: Path, series: Mapping[str, Series], objects: Mapping[s
 
 
 def _plain(value: Any) -> Any:
-    """Structures as dictionaries; an array of them by their labels (Simulink's ``signals``) or numbers."""
+    """Structures as dictionaries; an array of them by their labels (Simulink, ControlDesk) or numbers."""
     if hasattr(value, "_fieldnames"):
         fields = {name: _plain(getattr(value, name)) for name in value._fieldnames}
-        label = fields.get("label")
-        return (
-            {label: fields["values"]} if isinstance(label, str) and label and "values" in fields else fields
-        )
+        label, unit = (next((fields[n] for n in told if n in fields), "") for told in (_LABELS, _UNITS))
+        values = next((fields[n] for n in ("values", "Data") if n in fields), None)
+        if isinstance(label, str) and label and values is not None:
+            return {f"{label} [{unit}]" if isinstance(unit, str) and unit else label: values}
+        return fields
     if isinstance(value, np.ndarray) and value.dtype == object:
         plain = [_plain(one) for one in value.ravel()]
         if all(isinstance(one, dict) for one in plain):

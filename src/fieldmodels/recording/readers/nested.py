@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,10 @@ def arrays(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
         for key in data.dtype.names:
             yield from arrays(data[key], f"{name}.{key}" if name else key)
     elif isinstance(data, list) and data and not isinstance(data[0], list):
-        yield name, np.array([np.nan if v is None else v for v in data])
+        column = np.array([np.nan if v is None else v for v in data])
+        with suppress(ValueError):  # numbers in quotes
+            column = column.astype(np.float64) if column.dtype.kind == "U" else column
+        yield name, column
     elif isinstance(data, (np.ndarray, list)):
         values = np.squeeze(np.asarray(data))
         if values.dtype.kind not in "biufMUS" or not 1 <= values.ndim <= 2:

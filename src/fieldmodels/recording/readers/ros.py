@@ -63,9 +63,9 @@ def _stamp(message: Any, received: int) -> float:
     return 1e-9 * (measured or received)
 
 
-def _numbers(value: Any, prefix: str) -> dict[str, float]:
-    """All numbers of a message by their path, joints by their names."""
-    names = getattr(value, "name", None)
+def _numbers(value: Any, prefix: str, names: Any = None) -> dict[str, float]:
+    """All numbers of a message by their path, joints by their names, which the message around may hold."""
+    names = getattr(value, "name", None) or getattr(value, "joint_names", None) or names
     result: dict[str, float] = {}
     for field in getattr(value, "__dataclass_fields__", {}):
         if field in ("header", "__msgtype__"):
@@ -78,5 +78,10 @@ def _numbers(value: Any, prefix: str) -> dict[str, float]:
             for k, one in enumerate(inner.ravel()):
                 result[f"{path}[{names[k] if named and names else k}]"] = float(one)
         elif hasattr(inner, "__dataclass_fields__"):
-            result |= _numbers(inner, f"{path}.")
+            result |= _numbers(inner, f"{path}.", names)
+        elif (
+            isinstance(inner, list) and 0 < len(inner) <= _MOST and hasattr(inner[0], "__dataclass_fields__")
+        ):
+            for k, one in enumerate(inner):
+                result |= _numbers(one, f"{path}[{k}].")
     return result
