@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -281,7 +282,7 @@ def teleplot(folder: Path) -> Expected:
     (folder / "table.csv").write_text("\n".join(table) + "\n")
     return entry(
         folder / "teleplot.log", run, "torque=torque:N m; angle=angle:deg; velocity=speed:rpm",
-        refused=("row 1, '>torque", "time, name and value"), remedy=str(folder / "table.csv"),
+        refused=("row 1, '>torque", "time, name, value"), remedy=str(folder / "table.csv"),
     )  # fmt: skip
 
 
@@ -788,4 +789,167 @@ def robot_table(folder: Path) -> Expected:
         folder / "robot.csv", run,
         "left_command=left_wheel_cmd [rad/s]:rad/s; right_command=right_wheel_cmd [rad/s]:rad/s; "
         "x=pose.x [m]:m; y=pose.y [m]:m; heading=pose.yaw [rad]:rad",
+    )  # fmt: skip
+
+
+# --- a second batch, after the first was read ---------------------------------------------------------
+
+
+@log
+def rockwell(folder: Path) -> Expected:
+    """Rockwell's trend: each row begins with `Data`, the date and the time apart, `;` before milliseconds."""
+    run = axis("rig", "coulomb_friction", 601)
+    u, y, v = signals(run)
+    head = ['"Controller Name:","L71"', '"Trend Name:","Axis"', '"Trend Tags:",3', '"Sample Period:","10 ms"',
+            '"Header:","Date","Time","Force [N]","Position [mm]","Velocity [mm/s]"']  # fmt: skip
+    when = [[f'"{s}"' for s in stamps(run.time, form, 6)] for form in ("%m/%d/%Y", "%H:%M:%S;%f")]
+    text(folder / "trend.csv", head, (["Data"] * len(u), *when, u, 1e3 * y, 1e3 * v))
+    return entry(
+        folder / "trend.csv", run,
+        "t=Time:s; force=Force [N]:N; position=Position [mm]:mm; velocity=Velocity [mm/s]:mm/s",
+    )  # fmt: skip
+
+
+@log
+def codesys(folder: Path) -> Expected:
+    """CODESYS's trace: `;`, each variable with its own microseconds at its left, names by the program."""
+    run = axis("pendulum", "actuator_lag", 602)
+    names = ["PLC_PRG.fTorque", "PLC_PRG.fAngle", "PLC_PRG.fVelocity"]
+    time = [str(round(1e6 * t)) for t in run.time]
+    cells = [one for values in signals(run) for one in (time, values)]
+    text(folder / "trace.csv", [";".join(f"Timestamp {name};{name}" for name in names)], cells, ";")
+    own = dict(
+        zip(("torque", "angle", "velocity"), zip(names, ("N m", "rad", "rad/s"), strict=True), strict=True)
+    )
+    return entry(
+        folder / "trace.csv", run, "; ".join(f"{s}={name}:" for s, (name, _) in own.items()),
+        options={"columns": {s: f"{name}:{unit}" for s, (name, unit) in own.items()}},
+    )  # fmt: skip
+
+
+@log
+def tuples(folder: Path) -> Expected:
+    """What `print((t, u, x, v))` of MicroPython leaves: rows in brackets, no header."""
+    run = axis("pendulum", "coulomb_friction", 604)
+    rows = zip(run.time, *signals(run), strict=True)
+    (folder / "log.txt").write_text("".join(f"({t:.3f}, {a:.5f}, {b:.5f}, {c:.5f})\n" for t, a, b, c in rows))
+    names = dict(zip(("t", "torque", "angle", "velocity"), ("s", "N m", "rad", "rad/s"), strict=True))
+    return entry(
+        folder / "log.txt", run, "; ".join(f"{name}=column {k}:" for k, name in enumerate(names, 1)),
+        options={"columns": {n: f"column {k}:{unit}" for k, (n, unit) in enumerate(names.items(), 1)}},
+    )  # fmt: skip
+
+
+@log
+def esp_idf(folder: Path) -> Expected:
+    """ESP-IDF's console: `I (milliseconds) tag: name=value unit`, the boot's lines above."""
+    run = axis("pendulum", "actuator_saturation", 607)
+    lines = ["ESP-ROM:esp32s3", "I (20) boot: start"]
+    for t, a, b, c in zip(run.time, *signals(run), strict=True):
+        told = f"torque={a:.4f} Nm angle={b / DEG:.3f} deg speed={c / RPM:.3f} rpm"
+        lines.append(f"I ({round(1e3 * t) + 4312}) motor: {told}")
+    (folder / "esp.log").write_text("\n".join(lines) + "\n")
+    return entry(
+        folder / "esp.log", run, "torque=torque:N m; angle=angle:deg; velocity=speed:rpm",
+        options={"rate": 100.0},
+    )  # fmt: skip
+
+
+@log
+def mqtt(folder: Path) -> Expected:
+    """A recorder of MQTT: a record a line with the topic and its payload, milliseconds since 1970."""
+    run = axis("rig", "actuator_lag", 608)
+    lines = []
+    for t, a, b, c in zip(EPOCH + run.time, *signals(run), strict=True):
+        for late, topic, told in (
+            (0, "rig/cmd", {"force_N": round(a, 5)}),
+            (1, "rig/state", {"position_mm": round(1e3 * b, 5), "velocity_mm_s": round(1e3 * c, 4)}),
+        ):
+            lines.append(json.dumps({"ts": round(1e3 * t) + late, "topic": topic, "payload": told}))
+    (folder / "mqtt.jsonl").write_text("\n".join(lines) + "\n")
+    return entry(
+        folder / "mqtt.jsonl", run,
+        "force=rig/cmd.payload.force_N:N; position=rig/state.payload.position_mm:mm; "
+        "velocity=rig/state.payload.velocity_mm_s:mm/s",
+    )  # fmt: skip
+
+
+@log
+def capitals(folder: Path) -> Expected:
+    """A test stand of old (a Fortran program): columns of blanks, everything in capitals, `POS(MM)`."""
+    run = axis("rig", "actuator_lag", 616)
+    u, y, v = signals(run)
+    columns = {"TIME(SEC)": run.time, "FORCE(N)": u, "POS(MM)": 1e3 * y, "VEL(MM/S)": 1e3 * v}
+    (folder / "run16.dat").write_text(pd.DataFrame(columns).to_string(index=False))
+    return entry(
+        folder / "run16.dat",
+        run,
+        "t=TIME(SEC):s; force=FORCE(N):N; position=POS(MM):mm; velocity=VEL(MM/S):mm/s",
+    )
+
+
+@log
+def prefixes(folder: Path) -> Expected:
+    """A drive's trace in units with prefixes: mN·m, mrev, krpm, microseconds."""
+    run = axis("pendulum", "coulomb_friction", 619)
+    u, y, v = signals(run)
+    head = ["time [µs],torque [mN·m],position [mrev],velocity [krpm]"]
+    columns = (1e6 * run.time, 1e3 * u, 1e3 * y / (2 * np.pi), 1e-3 * v / RPM)
+    text(folder / "trace.csv", head, columns, form="{:.7f}".format)
+    return entry(
+        folder / "trace.csv", run,
+        "t=time [µs]:us; torque=torque [mN·m]:mN m; angle=position [mrev]:mrev; "
+        "velocity=velocity [krpm]:krpm",
+    )  # fmt: skip
+
+
+@log
+def topic_echo(folder: Path) -> Expected:
+    """`ros2 topic echo`: a document of YAML a message; with `--csv` rows without names, two stamps."""
+    run = axis("pendulum", "coulomb_friction", 612)
+    u, y, v = signals(run)
+    sec, nanosec = [str(int(EPOCH + t)) for t in run.time], [str(round(t % 1 * 1e9)) for t in run.time]
+    documents = [
+        f"header:\n  stamp:\n    sec: {s}\n    nanosec: {n}\nposition:\n- {b:.6f}\neffort:\n- {a:.6f}\n---\n"
+        for s, n, a, b in zip(sec, nanosec, u, y, strict=True)
+    ]
+    (folder / "echo.yaml").write_text("".join(documents))
+    text(folder / "echo.csv", [], (sec, nanosec, ["base"] * len(u), ["hip"] * len(u), y, v, u))
+    return entry(
+        folder / "echo.yaml", run, "torque=column 7:; angle=column 5:; velocity=column 6:",
+        options={"columns": {
+            "torque": "column 7:N m", "angle": "column 5:rad", "velocity": "column 6:rad/s",
+        }},
+        refused=("documents of YAML", "--csv"), remedy=str(folder / "echo.csv"),
+    )  # fmt: skip
+
+
+@log
+def archive(folder: Path) -> Expected:
+    """What a phone or a web page gives: a .zip with the table and what describes the device."""
+    run = axis("rig", "actuator_lag", 609)
+    u, y, v = signals(run)
+    head = ['"Time (s)","Force (N)","Position (mm)","Velocity (mm/s)"']
+    table = text(folder / "Raw Data.csv", head, (run.time, u, 1e3 * y, 1e3 * v))
+    with zipfile.ZipFile(folder / "log.zip", "w") as file:
+        file.write(table, table.name)
+        file.writestr("meta/device.csv", "property,value\nname,phone\n")
+    return entry(
+        folder / "log.zip", run,
+        "t=Time (s):s; force=Force (N):N; position=Position (mm):mm; velocity=Velocity (mm/s):mm/s",
+        refused=("unpack it", "Raw Data.csv"), remedy=str(table),
+    )  # fmt: skip
+
+
+@log
+def pickled(folder: Path) -> Expected:
+    """NumPy's .npz of an episode as a dictionary, which is a pickle."""
+    run = axis("rig", "actuator_dead_zone", 611)
+    episode = dict(zip(("t", "force", "position", "velocity"), (run.time, *signals(run)), strict=True))
+    np.savez(folder / "episode.npz", episode=np.array(episode, dtype=object))
+    np.savez(folder / "plain.npz", **np.load(folder / "episode.npz", allow_pickle=True)["episode"].item())
+    return entry(
+        folder / "episode.npz", run, "t=t:; force=force:; position=position:; velocity=velocity:",
+        refused=("may run code", r"numpy.savez\('plain.npz', \*\*numpy.load\('episode.npz'"),
+        remedy=str(folder / "plain.npz"),
     )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 BLACKBOX = b"H Product:Blackbox"
-_TOOLS = {
+TOOLS = {
     ".bbl": "a raw blackbox of Betaflight or INAV: `blackbox_decode {name}` makes a CSV of it",
     ".d7d": "a file of DewesoftX, which exports it as CSV, MATLAB or MDF (MF4)",
     ".dxd": "a file of DewesoftX, which exports it as CSV, MATLAB or MDF (MF4)",
@@ -15,6 +15,8 @@ _TOOLS = {
     ".mldatx": "a session of Simulink's Data Inspector, which exports it as MAT or Excel file",
     ".pkl": "a pickle, which may run code when it is opened: if you trust it, let pandas write it, "
     "`pandas.read_pickle('{name}').to_parquet('log.parquet')`",
+    ".pt": "tensors of PyTorch, which may run code when they are opened: if you trust it, let NumPy write "
+    "them, `numpy.savez('log.npz', **torch.load('{name}'))`",
     ".rlog": "a log of AdvantageKit, which AdvantageScope exports as CSV or .wpilog",
     ".tdx": "values of a .tdm, which DIAdem saves as .tdms",
 }
@@ -28,5 +30,5 @@ def advice(path: Path, start: bytes) -> str:
         start: Its first bytes.
     """
     ending = ".bbl" if start.startswith(BLACKBOX) else path.suffix.lower()
-    known = _TOOLS.get(ending, "a binary file of a kind that is not read; export it as CSV or Parquet")
+    known = TOOLS.get(ending, "a binary file of a kind that is not read; export it as CSV or Parquet")
     return known.format(name=path.name)

@@ -23,8 +23,8 @@ MISSING = ("", "nan", "-nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "b
 _TIME = re.compile(
     r"(\d{4}-\d{1,2}-\d{1,2}|\d{1,2}[./]\d{1,2}[./]\d{4}|\d{4}/\d{1,2}/\d{1,2}"
     r"|\d{1,2}[- ][A-Za-z]{3,9}[- ]\d{4})([T ]+\d{1,2}:\d{2}[^;,\t|\"]*(,\d+)?)?"
-    r"|\d{1,2}(?P<mark>[-./])\d{1,2}(?P=mark)\d{2} \d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?"
-    r"|(-?\d+ days? )?\d{1,2}:\d{2}(:\d{2}([.,:]\d+)?)?( ?[AaPp][Mm])?"
+    r"|\d{1,2}(?P<mark>[-./])\d{1,2}(?P=mark)\d{2} \d{1,2}:\d{2}(:\d{2}([.,:;]\d+)?)?( ?[AaPp][Mm])?"
+    r"|(-?\d+ days? )?\d{1,2}:\d{2}(:\d{2}([.,:;]\d+)?)?( ?[AaPp][Mm])?"
 )
 _SIGN = r"[-+\u2212]?"
 _EXPONENT = r"(?:[eE][-+]?\d+)?"
@@ -53,6 +53,8 @@ _RATE = re.compile(
     r"(?i)(?:(?:sampl\w+|update|scan|frame)[ _-]?(?:rate|frequency)|abtastrate)"
     r"\W{1,6}(\d+(?:\.\d+)?)\W{0,4}(k(?=Hz))?"
 )
+WRAPPED = re.compile(r"(?m)^[ \t]*[\[(]|[\])][ \t]*(?=\r?$)")
+"""The brackets of a row."""
 _EXAMINED = 400  # lines
 _HEADERS = 6  # lines above the data that may name columns or state units
 _OPEN = re.compile(r'^(?:[^"]|"[^"]*")*?(?:^|[,;|\t]) *"(?:[^"]|"")*$')  # a cell in quotes that goes on
@@ -76,6 +78,7 @@ class Dialect:
         header: False if the file names no columns.
         comment: Whether lines of comment stand among the rows.
         rate: Rows a second as a line above the data says, 0 for nothing.
+        wrapped: Whether rows stand in brackets, as Python prints them.
         suffixes: Of each column the unit that stands behind its numbers; none if there are none at all.
         pairs: Of ``name: value`` lines the pattern, a group a column; other lines are no rows.
     """
@@ -93,13 +96,14 @@ class Dialect:
     pairs: str = ""
     suffixes: tuple[str, ...] = ()
     rate: float = 0.0
+    wrapped: bool = False
 
     def cells(self, line: str) -> list[str]:
         """The cells of one line; none of a line that is no row."""
         if self.pairs:
             found = re.match(self.pairs, line.translate(_JSON))
             return list(found.groups("")) if found else []
-        cells = split(line, self.delimiter)
+        cells = split(WRAPPED.sub("", line) if self.wrapped else line, self.delimiter)
         if len(cells) == len(self.suffixes):
             bare = [cell.removesuffix(unit) for cell, unit in zip(cells, self.suffixes, strict=True)]
             cells = [
@@ -146,6 +150,9 @@ def sniff(text: str, encoding: str) -> Dialect:
     lines = [(i, line) for i, line in _whole_lines(text.splitlines()) if line.strip()][:_EXAMINED]
     if told := _pairs([line for _, line in lines], encoding):
         return told
+    inner = lines[len(lines) // 2 :]
+    if wrapped := all(len(WRAPPED.findall(line)) == 2 for _, line in inner) and bool(inner):
+        lines = [(i, WRAPPED.sub("", line)) for i, line in lines]
     rows = [(i, line) for i, line in lines if not line.lstrip().startswith(COMMENTS)] or lines
     raw = [line for _, line in rows[len(rows) // 2 :]]
     suffixes = _suffixes(raw)
@@ -201,6 +208,7 @@ def sniff(text: str, encoding: str) -> Dialect:
         comment=any(line.lstrip().startswith(COMMENTS) for i, line in lines if i > skip),
         suffixes=behind if any(behind) else (),
         rate=_rate([line for i, line in lines if i < skip]),
+        wrapped=wrapped,
     )
 
 

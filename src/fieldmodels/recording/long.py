@@ -29,7 +29,7 @@ def a_column_each(table: TextTable) -> Table:
     if not words or not table.numbers() or table.clocks:
         return table
     try:
-        numbers = {n: _tolerant(table, n)[:ROWS] for n in table.numbers()}
+        numbers = {n: _tolerant(table, n, ROWS)[:ROWS] for n in table.numbers()}
         there = [n for n, values in numbers.items() if len({*values[np.isfinite(values)]}) > 1]
         times = [name for name in there if is_time(name, table.units.get(name, ""))]
         values = [name for name in there if name not in times]
@@ -62,10 +62,10 @@ def a_column_each(table: TextTable) -> Table:
     return table
 
 
-def _tolerant(table: TextTable, name: str) -> FloatArray:
+def _tolerant(table: TextTable, name: str, rows: int | None = None) -> FloatArray:
     """A column of numbers; one that also holds words has none in their place."""
     try:
-        return table[name]
+        return table.read([name], rows)[name]
     except RecordingError:
         import pandas as pd
 

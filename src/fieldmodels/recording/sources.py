@@ -29,7 +29,8 @@ def read_log(source: str | Path) -> Table:
     for table in tables:
         clock = clock_of(table)
         if clock is None:
-            raise RecordingError(f"{table.path}: no single column holds its times")
+            what = "no single column holds its times; put one into it, or all signals into one file"
+            raise RecordingError(f"{table.path}: {what}")
         clocks.append(clock.channel)
     return JoinedTable(tables, clocks)
 

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.recording.bench import EPOCH
 from fieldmodels.recording.converters import BLACKBOX, advice
 from fieldmodels.recording.data import RecordingError
-from fieldmodels.recording.dialect import COMMENTS, MISSING, encoding_of, sniff
+from fieldmodels.recording.dialect import COMMENTS, MISSING, WRAPPED, encoding_of, sniff
 from fieldmodels.recording.evidence import is_clock
 from fieldmodels.recording.tables import (
     EMPTY,
@@ -34,7 +35,7 @@ from fieldmodels.recording.tables import (
     over_midnight,
     stamps,
 )
-from fieldmodels.recording.units import canonical, converts, factor
+from fieldmodels.recording.units import canonical
 from fieldmodels.recording.words import is_time
 
 _SAMPLE = 1 << 20  # bytes in which the dialect is found
@@ -68,6 +69,9 @@ class TextTable(Table):
             if not start:
                 raise RecordingError(f"{path}: row 1 is longer than {_SAMPLE:,} bytes; this is no table")
         text = start.decode(encoding, errors="replace")
+        if len(re.findall(r"(?m)^---\s*$", text)) > 1:
+            what = "documents of YAML, as `ros2 topic echo` prints: let it print rows (--csv) or record a bag"
+            raise RecordingError(f"{path}: {what}")
         try:
             self.dialect = sniff(text, encoding)
         except csv.Error as error:
@@ -77,7 +81,7 @@ class TextTable(Table):
             first = next(line for line in text.splitlines() if line.strip())
             raise RecordingError(
                 f"{path}: row 1, {first[:60]!r}: no line holds numbers between ',', ';', tabs, '|' or "
-                "blanks, or after names as in 'name: value'; write a table with the columns time, name and value"
+                "blanks, or after names as in 'name: value'; write a table with the columns time, name, value"
             )
         self._doubled = {name for name, count in Counter(self.header).items() if count > 1}
         self.units = {n: u for n, u in zip(self.header, self.dialect.units, strict=True) if u}
@@ -124,19 +128,22 @@ class TextTable(Table):
 
     def _in_parts(self) -> dict[str, tuple[str, float]]:
         """A clock of whole seconds to the column beside it that holds the rest of each, and its worth [s]."""
-        for whole, rest in pairwise(self.numbers()):
-            unit = self.units.get(rest) or re.split(r"[^a-z]", rest.lower())[-1]
-            worth = factor(unit, "s") if converts(unit, "s") else 1.0
-            if worth == 1.0 or not is_time(whole, self.units.get(whole, "")) or self.clocks:
+        for whole, rest in () if self.clocks else pairwise(self.numbers()):
+            named = is_time(whole, self.units.get(whole, ""))
+            if not named and (self.named or whole != self.header[0]):
                 continue
             with suppress(RecordingError):  # said when they are used
                 seconds, parts = self._read([whole, rest], _LOOKED_AT).values()
-                within = (seconds == np.floor(seconds)).all() and (
-                    (parts >= 0.0) & (parts * worth < 1.0)
-                ).all()
-                if within and (np.diff(seconds) == 0.0).any() and is_clock(seconds + worth * parts):
-                    self.notes += (f"{whole!r} and {rest!r} are read as one clock",)
-                    return {whole: (rest, worth)}
+                steps = np.diff(seconds)
+                if (
+                    (named or seconds[0] > EPOCH)
+                    and (steps == np.floor(steps)).all()
+                    and (steps == 0.0).any()
+                ):
+                    worth = next((w for w in (1e-3, 1e-6, 1e-9) if 0.5 < w * parts.max() < 1.0), 0.0)
+                    if worth and parts.min() >= 0.0 and is_clock(seconds + worth * parts):
+                        self.notes += (f"{whole!r} and {rest!r} are read as one clock",)
+                        return {whole: (rest, worth)}
         return {}
 
     def read(self, names: Sequence[str], rows: int | None = None) -> dict[str, FloatArray]:
@@ -224,6 +231,8 @@ class TextTable(Table):
         rules: list[tuple[str, Any]] = []
         if d.pairs:
             rules.append((r"[^\r\n]+", lambda found: "\t".join(d.cells(found[0]))))
+        if d.wrapped:
+            rules.append((WRAPPED.pattern, ""))
         if d.comment:
             rules.append((r"(?m)^[ \t]*(?:#|%|//|!)[^\r\n]*", ""))
         if d.suffixes:

@@ -46,7 +46,7 @@ _TEMPERATURES = {
     ("°F", "°C"): (5 / 9, -160 / 9),
 }
 """Gain and offset between units whose zeros differ, exact by definition (BIPM 2019)."""
-_ANGLES = ("radian", "degree", "turn", "arcminute", "arcsecond", "grade")
+_ANGLES = ("radian", "degree", "turn", "arcminute", "arcsecond", "grade", "revolutions_per_minute")
 _WRITTEN = re.compile(r"[\w µμ°%/*^().⁻¹²³-]{1,40}")
 _SCALED = re.compile(r"(\d+(?:\.\d+)?(?:[eE][-+]?\d+)?)(?:/([1-9]\d*))? *[*x×]? *([^\W\d].*|[°%].*)")
 
@@ -58,7 +58,9 @@ class UnitError(ValueError):
 def canonical(unit: str) -> str:
     """Return the project's spelling of a unit ("Nm" and "N*m" are "N m")."""
     spelled = " ".join(re.sub(r"[*·⋅]|(?<=[A-Za-z])[.-](?=[A-Za-z])", " ", unit).strip(" []()").split())
-    return _SPELLINGS.get(spelled, _SPELLINGS.get(spelled.lower(), spelled))
+    small = spelled.lower()
+    plain = small if len(small) > 1 and spelled.isupper() and small in known_units() else spelled  # MM/S
+    return _SPELLINGS.get(spelled, _SPELLINGS.get(small, plain))
 
 
 @cache
@@ -204,7 +206,9 @@ def _powered(name: str, power: float) -> str:
 def _registry() -> UnitRegistry[Any]:
     from pint import UnitRegistry  # a third of a second, which most logs do not need
 
-    return UnitRegistry(cache_folder=None)
+    registry: UnitRegistry[Any] = UnitRegistry(cache_folder=None)
+    registry.define("@alias turn = rev")
+    return registry
 
 
 @cache

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from fieldmodels.recording.converters import TOOLS
 from fieldmodels.recording.data import RecordingError
-from fieldmodels.recording.tables import Series, SeriesTable, readable
+from fieldmodels.recording.tables import SHOWN, Series, SeriesTable, readable
 from fieldmodels.recording.words import names_and_units
 
 _LARGEST = 1 << 30  # bytes of unpacked XML
@@ -23,10 +24,13 @@ def read(path: Path) -> SeriesTable:
 
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
-            size = sum(part.file_size for part in archive.infolist())
+            size, inside = sum(part.file_size for part in archive.infolist()), archive.namelist()
+        if not {"[Content_Types].xml", "mimetype"} & {*inside}:
+            what = f"an archive: unpack it, and give its files: {', '.join(inside[:SHOWN])}"
+            raise RecordingError(f"{path}: {TOOLS.get(path.suffix.lower(), what).format(name=path.name)}")
         if size > _LARGEST:
             raise RecordingError(f"{path}: unpacks to {1e-9 * size:.1f} GB; save the sheet as CSV")
-    with readable(path, "workbook"):
+    with readable(path, "workbook: open it in what can, and save it as .xlsx or CSV"):
         book = CalamineWorkbook.from_path(str(path))
         sheets = [book.get_sheet_by_name(name).to_python() for name in book.sheet_names]
     return SeriesTable(path, _columns(path, max(sheets, key=len, default=[])))

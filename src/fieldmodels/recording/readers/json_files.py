@@ -48,9 +48,9 @@ def read(path: Path) -> SeriesTable:
 def _columns(data: Any) -> Any:
     """Nested lists of one length a column, out of the ways in which JSON holds a table."""
     if isinstance(data, list) and data and isinstance(data[0], Mapping):
-        if kinds := _kinds(data):
-            return {kind: _columns(records) for kind, records in kinds.items()}
         flat = [_flat(record, "") for record in data]
+        if kinds := _kinds(flat):
+            return {kind: _columns(records) for kind, records in kinds.items()}
         return {
             name: [record.get(name) for record in flat] for name in dict.fromkeys(k for r in flat for k in r)
         }

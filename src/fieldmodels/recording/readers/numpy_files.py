@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.readers.nested import flattened
 from fieldmodels.recording.tables import SeriesTable, check_size, readable
 
@@ -19,7 +20,19 @@ def read(path: Path) -> SeriesTable:
             with zipfile.ZipFile(path) as archive:
                 check_size(path, sum(part.file_size for part in archive.infolist()) // 8, 1)
             with np.load(path, allow_pickle=False) as arrays:
-                found: Any = {name: arrays[name] for name in arrays.files}
+                found: Any = {name: _plain(path, arrays, name) for name in arrays.files}
         else:
             found = np.load(path, allow_pickle=False, mmap_mode="r")
     return SeriesTable(path, flattened(found))
+
+
+def _plain(path: Path, arrays: Any, name: str) -> Any:
+    """One array of an archive, which must not be pickled."""
+    try:
+        return arrays[name]
+    except ValueError:
+        load = f"numpy.load({path.name!r}, allow_pickle=True)[{name!r}].item()"
+        raise RecordingError(
+            f"{path}: {name!r} is pickled, which may run code when opened: if you trust it, write plain "
+            f"arrays by `numpy.savez('plain.npz', **{load})`"
+        ) from None
