@@ -13,8 +13,10 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parent))
 import outsiders  # noqa: F401  # they register themselves
+from bench import axis
 from expected import Expected, errors
 from exporters import EXPORTERS
+from foreign import RPM, signals, text
 
 from fieldagents.logs import Logs, declared
 from fieldmodels.recording import Recording, RecordingError
@@ -87,5 +89,53 @@ def test_what_a_refusal_asks_for_can_be_typed(tmp_path, name):
         taken(told, **rate)
     typed = re.findall(r"--column ('[^']+')", str(caught.value))
     assert typed
+    assert not any("=X" in one for one in typed)  # a counter of rows is no signal
     options = [shlex.split(one)[0].replace("GAIN", "1") for one in typed]
     taken(told, declared(get_model(told.run.model), options)[""], accept=True, **rate)
+
+
+@pytest.mark.every(
+    "name", ["crazyflie", "vesc", "codesys", "ulog2csv", "dataflash_text", "structure_with_time"]
+)
+def test_what_is_proposed_is_right(tmp_path, name):
+    """Of what suits as well as another a response is the column of its command's joint, axis or index."""
+    told = EXPORTERS[name](tmp_path)
+    assert wrong(told, taken(told, accept=True)) == {}
+
+
+def test_a_clock_that_counts_ten_thousand_rows_a_second_is_asked_for(tmp_path):
+    """Its unit is no microsecond: the file says 100 rows a second."""
+    told = EXPORTERS["xsens"](tmp_path)
+    columns = {"torque": "none", "angle": "Pitch:deg"}
+    with pytest.raises(
+        RecordingError, match=r"t = 0.0001\*SampleTimeFine:s .*the file says 100 rows a second"
+    ):
+        taken(told, columns)
+    assert wrong(told, taken(told, columns, accept=True)) == {}
+    (tmp_path / "control.csv").write_text("t,torque\n" + "".join(f"{0.01 * k},0\n" for k in range(3000)))
+    times = read_log(f"{told.source}+{tmp_path / 'control.csv'}")["SampleTimeFine"]
+    assert np.ptp(times) == pytest.approx(np.ptp(told.run.time))
+
+
+def test_a_file_without_a_clock_is_as_fast_as_it_says(tmp_path):
+    run = axis("rig", "coulomb_friction", 620)
+    text(tmp_path / "log.csv", ["Sample rate: 0.1 kHz", "", "force [N],position [mm]"],
+         (run.signals["force"], 1e3 * run.signals["position"]))  # fmt: skip
+    with pytest.warns(match="100 rows a second"):
+        read = Logs(get_model("rig")).read(str(tmp_path / "log.csv"))
+    assert read.step == pytest.approx(0.01)
+
+
+def test_a_clock_of_whole_seconds_has_the_step_of_its_rows(tmp_path):
+    run = axis("rig", "coulomb_friction", 621)
+    columns = (np.floor(run.time + 0.37), *signals(run))
+    text(tmp_path / "log.csv", ["t [s],force [N],position [m],velocity [m/s]"], columns)
+    assert taken(Expected("", str(tmp_path / "log.csv"), run)).step == pytest.approx(0.01, rel=1e-3)
+
+
+def test_a_suspected_unit_is_declared_by_the_files_own_name(tmp_path):
+    run = axis("pendulum", "coulomb_friction", 622)
+    u, y, v = signals(run)
+    text(tmp_path / "log.csv", ["t,torque,angle,Drehzahl"], (run.time, u, y, v / RPM))
+    with pytest.warns(match="declare it as 'velocity=Drehzahl:rpm'"):
+        Logs(get_model("pendulum"), {"": {"velocity": "Drehzahl"}}).read(str(tmp_path / "log.csv"))

@@ -128,9 +128,10 @@ class TextTable(Table):
 
     def _in_parts(self) -> dict[str, tuple[str, float]]:
         """A clock of whole seconds to the column beside it that holds the rest of each, and its worth [s]."""
+        first = dict(zip(self.header, next(self._cells(), (0, []))[1], strict=False))
         for whole, rest in () if self.clocks else pairwise(self.numbers()):
             named = is_time(whole, self.units.get(whole, ""))
-            if not named and (self.named or whole != self.header[0]):
+            if re.search(r"[.,]\d", first.get(whole, ".0")) or not (named or not self.named):
                 continue
             with suppress(RecordingError):  # said when they are used
                 seconds, parts = self._read([whole, rest], _LOOKED_AT).values()
