@@ -294,7 +294,7 @@ def greek(folder: Path) -> Expected:
     text(folder / "run15.csv", ["t [s],τ [N·m],θ [°],ω [rad·s⁻¹]"], (run.time, u, y / DEG, v))
     return entry(
         folder / "run15.csv", run,
-        "t=t [s]:s; torque=τ [N·m]:N m; angle=θ [°]:deg; velocity=ω [rad·s⁻¹]:rad/s",
+        "t=t [s]:s; torque=τ [N·m]:N m; angle=θ [°]:deg; velocity=ω [rad·s⁻¹]:rad·s⁻¹",
     )  # fmt: skip
 
 

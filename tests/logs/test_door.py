@@ -19,7 +19,7 @@ from fieldmodels.recording.files import recording_of
 from fieldmodels.recording.proposals import SURE, propose
 from fieldmodels.recording.reading import read_table
 from fieldmodels.recording.sources import read_log
-from fieldmodels.recording.words import unit_of
+from fieldmodels.recording.words import meanings, unit_of
 from fieldmodels.registry import get_model
 from fieldmodels.synthesis import synthesise
 
@@ -61,7 +61,8 @@ def known_as(path, model=RIG):
         ("velocity in/s", "in/s"), ("speed_ft/s", "ft/s"), ("torque (ft-lb)", "ft-lb"), ("p [psi]", "psi"),
         ("control[0]", ""), ("data[3]", ""), ("q[1]", ""), ("q[0:3]", ""), ("Motor speed (5)", ""),
         ("x(t)", ""), ("W (IMU)", ""), ("torque (left)", ""), ("joint_act", ""), ("robot_psi", ""),
-        ("force (kip2)", "kip2"), ("angle [foo]", "foo"), ("angle (counts)", "counts"),
+        ("force (kip2)", "kip2"), ("angle [foo]", "foo"), ("angle (counts)", "counts"), ("current_in", ""),
+        ("Torque_Nm_", "Nm"), ("torque_nm", "N m"), ("x_nm", "nm"), ("angle [0.01 °]", "0.01 °"),
     ],
 )  # fmt: skip
 def test_a_unit_is_read_from_any_notation(header, unit):
@@ -100,6 +101,28 @@ def test_an_unknown_unit_is_said_and_asked_and_an_accept_settles_it(tmp_path, ri
     told = Logs(RIG, {"": {"force": "force (kip2):kip"}}, accept=True)
     (tmp_path / "bench.yaml").unlink()
     assert np.ptp(told.read(str(path))["force"]) == pytest.approx(4448.2216 * np.ptp(rig["force"]), rel=1e-6)
+
+
+def test_greek_letters_are_their_names_and_of_two_roles_the_last_word_tells():
+    assert meanings("τ_cmd") == {"torque", "command"}
+    assert meanings("/arm_controller/state.desired.positions[1]") == {"command", "position"}
+    assert meanings("/arm_controller/state.actual.positions[1]") == {"measured", "position"}
+
+
+def test_a_response_is_of_its_commands_axis_and_an_unknown_rate_tells_no_angle(tmp_path, rig):
+    names = "t,target.roll,state.pitch,state.roll,state.rate [foo/s]"
+    table = read_table(written(tmp_path / "log.csv", names, *rig.values(), rig["velocity"]))
+    columns = {c.role: c.column for c in propose(table, get_model("servo")).columns}
+    assert (columns["set_point"], columns["position"]) == ("target.roll", "state.roll")
+    propose(table, get_model("pendulum"))
+
+
+def test_a_range_is_no_unit_and_counts_a_second_have_no_size(tmp_path, rig):
+    path = written(tmp_path / "log.csv", "t,force [10 kN],position [m],velocity [cnt/s]", *rig.values())
+    found = known_as(path)[1]
+    assert [found[name].confidence for name in ("force", "velocity")] == [0.6, 0.6]
+    assert "(10 kN), which is no unit that is known" in found["force"].evidence[1]
+    assert "cnt/s, which has no size" in found["velocity"].evidence[1]
 
 
 def test_a_clock_of_an_unknown_unit_is_asked_for(tmp_path, rig):
@@ -408,6 +431,13 @@ def test_a_clock_that_lies_is_said_with_its_row(tmp_path, kind):
     path = written(tmp_path / "log.csv", "t,voltage,speed", *lying(kind))
     with pytest.warns(match=rf"column 't': the clock {kind}.* at row 702"):
         recording_of(read_table(path), Bench(), Motor())
+
+
+def test_a_clock_that_stands_still_is_refused(tmp_path):
+    _, command, speed = driven()
+    path = written(tmp_path / "log.csv", "t,voltage,speed", np.zeros_like(speed), command, speed)
+    with pytest.raises(RecordingError, match="time stands still at 0 s"):
+        Logs(Motor()).read(str(path))
 
 
 def test_a_counter_that_begins_anew_is_refused_with_its_period(tmp_path):

@@ -89,7 +89,7 @@ def test_what_a_refusal_asks_for_can_be_typed(tmp_path, name):
         taken(told, **rate)
     typed = re.findall(r"--column ('[^']+')", str(caught.value))
     assert typed
-    assert not any("=X" in one for one in typed)  # a counter of rows is no signal
+    assert not re.search(r"= ?X\b", str(caught.value))  # a counter of rows is no signal
     options = [shlex.split(one)[0].replace("GAIN", "1") for one in typed]
     taken(told, declared(get_model(told.run.model), options)[""], accept=True, **rate)
 
@@ -128,7 +128,7 @@ def test_a_file_without_a_clock_is_as_fast_as_it_says(tmp_path):
 
 def test_a_clock_of_whole_seconds_has_the_step_of_its_rows(tmp_path):
     run = axis("rig", "coulomb_friction", 621)
-    columns = (np.floor(run.time + 0.37), *signals(run))
+    columns = (np.floor(run.time), *signals(run))
     text(tmp_path / "log.csv", ["t [s],force [N],position [m],velocity [m/s]"], columns)
     assert taken(Expected("", str(tmp_path / "log.csv"), run)).step == pytest.approx(0.01, rel=1e-3)
 

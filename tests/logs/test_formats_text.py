@@ -170,6 +170,16 @@ def test_rows_that_hold_the_joints_of_a_robot_are_no_rollouts(tmp_path):
     assert "t" not in read_table(written(tmp_path / "d.json", two)).header
 
 
+def test_records_are_of_several_sensors_only_if_each_has_fields_of_its_own(tmp_path):
+    records = [{"t": 0.1 * k, "mode": "hold" if k % 2 else "run", "x": k, **({"e": 1} if k % 2 else {})}
+               for k in range(6)]  # fmt: skip
+    assert read_table(written(tmp_path / "a.json", records)).header == ("t", "mode", "x", "e")
+    numbered = {str(k): {"t": 0.1 * k, "x": k} for k in range(6)}
+    assert read_table(written(tmp_path / "b.json", numbered)).header == ("t", "x")
+    motors = {"1": {"t": [0.0, 0.1], "x": [1.0, 2.0]}, "2": {"t": [0.0, 0.1], "x": [3.0, 4.0]}}
+    assert read_table(written(tmp_path / "c.json", motors)).header == ("1.t", "1.x", "2.t", "2.x")
+
+
 def test_sysid_tells_units_as_it_means_them(tmp_path):
     """Rotations times the size of one; a drivetrain's gyro is in radians; without a size, rotations."""
     rows = [[0.02 * k, 1.0, 2.0, 0.5, 0.25, 3.0, 4.0, 0.1, 0.2] for k in range(4)]
