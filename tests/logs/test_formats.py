@@ -13,9 +13,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent))
 from expected import Expected, errors, made, read
 from formats import dataflash, ulog
+from outsiders import unitree
 
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.sources import read_log
+from fieldmodels.recording.tables import Series, SeriesTable
 from fieldmodels.recording.units import canonical
 
 LOGS = ("px4_yaw", "px4_rover", "ardupilot", "mavlink", "tdms", "wpilog", "can_trace", "sqlite")
@@ -216,3 +218,30 @@ def test_a_binary_that_none_reads_is_refused_with_the_tool_that_does(tmp_path, n
     (tmp_path / name).write_bytes(bytes(range(256)) * 9)
     with pytest.raises(RecordingError, match=tool):
         read_log(tmp_path / name)
+
+
+def test_a_column_of_any_format_may_end_in_its_unit_and_a_joint_in_brackets_is_none(tmp_path):
+    series = {name: Series.of(np.arange(3.0)) for name in ("/rig/position_mm", "/arm.q[lift]", "temp_in")}
+    assert SeriesTable(tmp_path, series).units == {"/rig/position_mm": "mm"}
+
+
+def test_numbered_runs_of_hdf5_are_episodes_in_their_order(tmp_path):
+    """Of a run's states there may be one more than of its actions; what is shorter belongs to no row."""
+    h5py = pytest.importorskip("h5py")
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        for k, rows in ((0, 5), (10, 7), (2, 6)):
+            file[f"traj_{k}/obs"] = np.arange(rows + 1.0)
+            file[f"traj_{k}/actions"] = np.full((rows, 2), float(k))
+            file[f"traj_{k}/gains"] = np.ones(3)
+    table = read_log(tmp_path / "log.h5")
+    assert table.header == ("actions[1]", "actions[2]", "obs", "episode")
+    assert table["actions[2]"].tolist() == [0.0] * 5 + [2.0] * 6 + [10.0] * 7
+    assert table["episode"].tolist() == [1.0] * 5 + [2.0] * 6 + [3.0] * 7
+
+
+def test_messages_of_a_bag_that_are_no_ros_are_refused_with_lines_that_make_a_table(tmp_path):
+    told = unitree(tmp_path)
+    bag = next(Path(told.source).glob("*.mcap"))
+    (tmp_path / "log.mcap").write_bytes(bag.read_bytes().replace(b"ros2", b"json", 1))
+    with pytest.raises(RecordingError, match=r"(?s)messages are not ROS 2's.*mcap.reader"):
+        read_log(tmp_path / "log.mcap")

@@ -21,6 +21,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.extras import MissingExtraError, needed
 from fieldmodels.files import replacing
 from fieldmodels.recording.data import RecordingError
+from fieldmodels.recording.words import unit_of
 from fieldmodels.rounding import listed
 
 SHOWN = 5
@@ -199,12 +200,13 @@ class Series:
 
 
 class SeriesTable(Table):
-    """Columns that a library gives one by one."""
+    """Columns that a library gives one by one; one whose unit it does not tell may end in it: `x_mm`."""
 
     def __init__(self, path: Path, series: Mapping[str, Series]) -> None:
         self.path, self._series = path, dict(series)
         self.header = tuple(self._series)
-        self.units = {name: s.unit for name, s in self._series.items() if s.unit}
+        ends = ((name, s.unit or ("" if "[" in name else unit_of(name))) for name, s in self._series.items())
+        self.units = {name: unit for name, unit in ends if unit}
         self.clocks = {name: s.clock for name, s in self._series.items() if s.clock}
         if not self.header:
             raise RecordingError(f"{path}: holds no column of numbers")

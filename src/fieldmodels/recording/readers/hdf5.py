@@ -12,8 +12,9 @@ from fieldmodels.recording.readers.matlab import without_objects
 from fieldmodels.recording.readers.nested import arrays, flattened
 from fieldmodels.recording.readers.runs import joined
 from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
-from fieldmodels.recording.words import meanings, unit_of
+from fieldmodels.recording.words import unit_of
 
+_RUN = re.compile(r"(.*?(?:demo|traj|trajectory|episode|rollout|run|trial)_?)(\d+)\.(.+)")
 _UNITS = ("unit", "units", "Unit", "Units", "UNIT")
 
 
@@ -52,15 +53,20 @@ def read(path: Path) -> SeriesTable:
 
 def _runs(found: dict[str, Any]) -> dict[str, Series]:
     """Columns of numbered runs (``data/demo_0/actions``), one after the other; none if there are none."""
-    paths = [re.fullmatch(r"(.*?\D)(\d+)\.(.+)", key) for key in found]
-    first = paths[0] if paths else None
-    if first is None or "episode" not in meanings(first[1]) or not all(p and p[1] == first[1] for p in paths):
-        return {}
+    paths = [_RUN.fullmatch(key) for key in found]
     runs: dict[int, dict[str, Any]] = {}
     for path, values in zip(paths, found.values(), strict=True):
-        if path is not None:
-            runs.setdefault(int(path[2]), {}).update(arrays(values, path[3]))
-    return joined([run for _, run in sorted(runs.items()) if len({len(v) for v in run.values()}) == 1])
+        if path is None or path[1] != (paths[0] or path)[1]:
+            return {}
+        runs.setdefault(int(path[2]), {}).update(arrays(values, path[3]))
+    return joined([_even(run) for _, run in sorted(runs.items())]) if runs else {}
+
+
+def _even(run: dict[str, Any]) -> dict[str, Any]:
+    """The arrays that are as long as a run; of states there may be one more than of actions."""
+    rows = max(map(len, run.values()))
+    rows = min(len(values) for values in run.values() if len(values) >= rows - 1)
+    return {name: values[:rows] for name, values in run.items() if len(values) >= rows}
 
 
 def _nested(data: dict[str, Any]) -> dict[str, np.ndarray]:

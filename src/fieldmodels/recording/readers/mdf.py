@@ -8,7 +8,6 @@ from traceback import walk_tb
 from typing import Any
 
 from fieldmodels.recording.tables import Series, SeriesTable, check_size, readable
-from fieldmodels.recording.words import unit_of
 
 
 def read(path: Path) -> SeriesTable:
@@ -39,7 +38,7 @@ def columns(path: Path, file: Any) -> dict[str, Series]:
             signal = file.get(group=number, index=index)
             if signal.samples.dtype.kind in "biuf" and signal.samples.ndim == 1:
                 name = name if name not in result else f"{name} of group {number + 1}"
-                result[name] = Series.of(signal.samples, signal.unit or unit_of(name), own)
+                result[name] = Series.of(signal.samples, signal.unit, own)
     return result
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -46,10 +45,7 @@ def arrays(data: Any, name: str = "") -> Iterator[tuple[str, Any]]:
         for key in data.dtype.names:
             yield from arrays(data[key], f"{name}.{key}" if name else key)
     elif isinstance(data, list) and data and not isinstance(data[0], list):
-        column = np.array([np.nan if v is None else v for v in data])
-        with suppress(ValueError):  # numbers in quotes
-            column = column.astype(np.float64) if column.dtype.kind == "U" else column
-        yield name, column
+        yield name, np.array([np.nan if v is None else v for v in data])
     elif isinstance(data, (np.ndarray, list)):
         values = np.squeeze(np.asarray(data))
         if values.dtype.kind not in "biufMUS" or not 1 <= values.ndim <= 2:

@@ -10,6 +10,11 @@ import numpy as np
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.tables import LARGEST, Series, SeriesTable
 
+_OTHER_MCAP = """an MCAP whose messages are not ROS 2's; where they are JSON, Python makes a table of them:
+  import json, mcap.reader  # pip install mcap
+  rows = mcap.reader.make_reader(open({0!r}, "rb")).iter_messages()
+  rows = [{{"t": m.log_time * 1e-9, "topic": c.topic, **json.loads(m.data)}} for _, c, m in rows]
+  json.dump(rows, open("plain.json", "w"))"""
 _MOST = 32  # numbers of one array of a message; longer ones are pictures and scans
 
 
@@ -40,6 +45,8 @@ def read(path: Path) -> SeriesTable:
     except RecordingError:
         raise
     except Exception as error:  # of the reader, of SQLite, zstd and of broken messages
+        if "Profile is not ros2" in str(error):
+            raise RecordingError(f"{path}: {_OTHER_MCAP.format(path.name)}") from None
         if not topics:
             raise RecordingError(f"{path}: not a readable bag ({type(error).__name__}: {error})") from None
     return SeriesTable(
