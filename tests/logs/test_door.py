@@ -130,6 +130,10 @@ def test_a_clock_of_an_unknown_unit_is_asked_for(tmp_path, rig):
     clock = known_as(path)[1]["t"]
     assert (clock.unit, clock.confidence) == ("s", 0.8)
     assert "(foo)" in clock.evidence[0]
+    path = written(
+        tmp_path / "log.csv", "stamp,force,position", 1e4 * rig["t"], rig["force"], rig["position"]
+    )
+    assert known_as(path)[1]["t"].confidence == 0.8  # 10,000 rows a second, if it counts microseconds
 
 
 def test_words_in_brackets_tell_what_a_column_is(tmp_path, rig):

@@ -235,6 +235,7 @@ def test_numbered_runs_of_hdf5_are_episodes_in_their_order(tmp_path):
             file[f"traj_{k}/gains"] = np.ones(3)
     table = read_log(tmp_path / "log.h5")
     assert table.header == ("actions[1]", "actions[2]", "obs", "episode")
+    assert table["obs"].tolist() == [*range(5), *range(6), *range(7)]
     assert table["actions[2]"].tolist() == [0.0] * 5 + [2.0] * 6 + [10.0] * 7
     assert table["episode"].tolist() == [1.0] * 5 + [2.0] * 6 + [3.0] * 7
 
