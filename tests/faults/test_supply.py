@@ -273,3 +273,32 @@ def test_the_audit_asks_for_every_pin_and_fails_where_something_is_known(tmp_pat
         assert re.search(r"torch\s+2\S+\s+MADE-UP-1", done.stdout)
     finally:
         server.shutdown()
+
+
+ALONE = """
+import gymnasium, fieldgym
+from importlib.util import find_spec
+env = gymnasium.make("fieldgym/PoseReaching-v0", disable_env_checker=True)
+env.reset(seed=1)
+assert env.step(env.action_space.sample())[1] < 100.0
+assert [name for name in ("exam", "papers", "torch", "pytest") if find_spec(name)] == []
+"""
+
+
+@pytest.mark.nightly  # asks the package index
+def test_wheel_and_sdist_work_in_an_empty_environment(tmp_path):
+    def run(*command):
+        done = subprocess.run(command, cwd=tmp_path, env=clean, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+        return done.stdout
+
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    run(sys.executable, "-m", "build", "--outdir", tmp_path / "dist", ROOT)  # the wheel from the sdist
+    files = sorted((tmp_path / "dist").iterdir())
+    assert [one.name.partition("-")[2] for one in files] == ["0.1.0-py3-none-any.whl", "0.1.0.tar.gz"]
+    for file in files:
+        place = tmp_path / file.suffix
+        run(sys.executable, "-m", "venv", place)
+        run(place / "bin" / "pip", "install", "--quiet", "--constraint", ROOT / "constraints.txt", file)
+        run(place / "bin" / "python", "-c", ALONE)
+        assert "heel_strike" in run(place / "bin" / "fieldgym", "list")
