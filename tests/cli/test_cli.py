@@ -68,7 +68,7 @@ def mistake(*arguments: object) -> str:
         ("list rig", {"rig"}),
         (
             "train heel_strike/",
-            {f"heel_strike/{name}" for name in ("conditioned", "pathwise", "ppo", "ppo_twins", "sac")},
+            {f"heel_strike/{name}" for name in ("conditioned", "pathwise", "ppo", "sac")},
         ),
         ("evaluate heel_strike/", {"heel_strike/benchmark", "heel_strike/realities"}),
         ("evaluate bench", {"benchmark"}),
