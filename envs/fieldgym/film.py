@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fieldmodels.extras import MissingExtraError, needed
+from fieldmodels.extras import needed
 from fieldmodels.files import replacing
 
 FILMS = (".gif", ".webp", ".mp4")
@@ -28,24 +27,13 @@ def check_ending(path: Path) -> None:
     """Make sure that a film can be written.
 
     Raises:
-        FilmError: If the ending is not that of a film, or its program is missing.
+        FilmError: If the ending is not that of a film.
+        MissingExtraError: If its package is missing.
     """
     if path.suffix.lower() not in FILMS:
         raise FilmError(f"{path}: a film ends in {', '.join(FILMS[:-1])} or {FILMS[-1]}")
-    if path.suffix.lower() == ".mp4" and ffmpeg() is None:
-        raise FilmError(
-            f"{path}: .mp4 needs the program ffmpeg: pip install 'fieldgym[video]'; .webp needs nothing"
-        )
-
-
-def ffmpeg() -> str | None:
-    """The program, of this machine or of the extra ``video``; None if there is neither."""
-    if found := shutil.which("ffmpeg"):
-        return found
-    try:
-        return str(needed("imageio_ffmpeg").get_ffmpeg_exe())
-    except (MissingExtraError, RuntimeError):
-        return None
+    if path.suffix.lower() == ".mp4":
+        needed("imageio_ffmpeg")
 
 
 def write_film(
@@ -87,19 +75,14 @@ def _by_pillow(path: Path, pictures: Iterator[Picture], rate: float) -> None:
 
 def _by_ffmpeg(path: Path, pictures: Iterator[Picture], rate: float) -> None:
     first = next(pictures)
-    height, width, _ = first.shape
-    raw = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{rate:g}", "-i", "-"]
-    command = [str(ffmpeg()), "-y", "-loglevel", "error", *raw, "-pix_fmt", "yuv420p", str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        assert process.stderr is not None
-        try:
-            process.stdin.write(first.tobytes())
-            for picture in pictures:
-                process.stdin.write(picture.tobytes())
-            process.stdin.close()
-        except BrokenPipeError:
-            pass  # it says why on its standard error
-        said = process.stderr.read().decode(errors="replace").strip()
-    if process.returncode:
-        raise FilmError(f"ffmpeg: {said}")
+    film = needed("imageio_ffmpeg").write_frames(path, first.shape[1::-1], fps=rate, macro_block_size=2)
+    try:
+        film.send(None)
+        for picture in chain([first], pictures):
+            film.send(np.ascontiguousarray(picture))
+    except OSError:
+        pass  # it says why on standard error
+    finally:
+        film.close()
+    if not path.stat().st_size:
+        raise FilmError("ffmpeg has written nothing; what it says is above")
