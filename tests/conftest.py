@@ -49,11 +49,15 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
-    """Check all cases of ``every`` in one test; those that fail are reported together."""
+    """Check all cases of ``every`` in one test, with the same draws; failures are reported together."""
     cases, errors = cases_of(pyfuncitem), []
     names = pyfuncitem._fixtureinfo.argnames
+    draws = [one.bit_generator for one in pyfuncitem.funcargs.values() if hasattr(one, "bit_generator")]
+    begun = [one.state for one in draws]
     for number, case in enumerate(cases):
         given = {name: case.get(name, pyfuncitem.funcargs[name]) for name in names}
+        for one, state in zip(draws, begun, strict=True):
+            one.state = state
         if "tmp_path" in given:
             given["tmp_path"] /= str(number)
             given["tmp_path"].mkdir()

@@ -13,7 +13,7 @@ def test_seeds_of_tuning_training_and_test_are_disjoint():
     assert TRAINING_SEEDS.stop <= TEST_SEEDS.start
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("n", "draw", "mean", "least"),
     [
         (20, lambda rng, n: rng.normal(0.3, 1, n), 0.3, 0.935),
@@ -81,7 +81,7 @@ def test_unequal_numbers_are_no_pairs():
         compare([1.0, 2.0], [1.0], lower_is_better=True)
 
 
-@pytest.mark.parametrize(("n", "rate"), [(20, 0.9), (100, 0.5), (100, 0.98)])
+@pytest.mark.every(("n", "rate"), [(20, 0.9), (100, 0.5), (100, 0.98)])
 def test_interval_of_a_share_covers_it(n, rate):
     """Of 2000 intervals (standard error 0.5 %); Wilson's swings about 95 % since counts are whole."""
     rng = np.random.default_rng(5)
@@ -98,9 +98,7 @@ def test_a_share_of_one_has_an_interval_all_the_same():
     assert high == 1.0
 
 
-@pytest.mark.parametrize(
-    ("n", "both", "only_agent", "only_base"), [(50, 0.8, 0.1, 0.05), (100, 0.9, 0.02, 0.02)]
-)
+@pytest.mark.every(("n", "both", "only_agent", "only_base"), [(50, 0.8, 0.1, 0.05), (100, 0.9, 0.02, 0.02)])
 def test_interval_of_a_paired_difference_of_shares_covers_it(n, both, only_agent, only_base):
     """Of 2000 intervals (standard error 0.5 %); with few discordant pairs it is on the safe side."""
     rng = np.random.default_rng(6)
@@ -114,7 +112,7 @@ def test_interval_of_a_paired_difference_of_shares_covers_it(n, both, only_agent
     assert hits / 2000 >= 0.935
 
 
-@pytest.mark.parametrize(("failures", "verdict"), [(0, "cannot tell"), (4, "cannot tell"), (6, "worse")])
+@pytest.mark.every(("failures", "verdict"), [(0, "cannot tell"), (4, "cannot tell"), (6, "worse")])
 def test_shares_get_verdicts_only_with_enough_discordant_pairs(failures, verdict):
     """Of 4 discordant pairs all on one side: McNemar's exact p is 0.125; of 6: 0.031."""
     base = np.ones(40)

@@ -217,7 +217,7 @@ def test_a_killed_run_resumes_bit_for_bit(finished_each, algorithm, tmp_path, mo
     assert_equal_runs(finished_each, run)
 
 
-@pytest.mark.parametrize("kind", ["ppo", "sac", "recurrent_ppo"])
+@pytest.mark.every("kind", ["ppo", "sac", "recurrent_ppo"])
 def test_what_stable_baselines3_takes_acts_as_the_exported_policy_does(finished_runs, kind, tmp_path):
     run = finished_runs[kind]
     pair = make_agent(f"{run}/policy.zip+{run}/vecnormalize.pkl", "heel_strike", {}, trust_pickle=True).runs[
@@ -239,7 +239,7 @@ def test_what_stable_baselines3_takes_acts_as_the_exported_policy_does(finished_
         make_agent(f"{run}/policy.zip+{tmp_path}/other.pkl", "heel_strike", {}, trust_pickle=True)
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.every("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_run_that_is_asked_to_stop_keeps_a_checkpoint(finished, tmp_path, monkeypatch, number):
     from fieldagents.learned.checkpoint import checkpoints
     from fieldagents.learned.recorder import Recorder
@@ -587,17 +587,17 @@ def test_arguments_are_those_of_the_algorithm(tmp_path):
     assert "learner.buffer_size: 8 is less than 16" in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "message"),
+@pytest.mark.every(
+    ("name", "message"),
     [
         ("pppo", r"no algorithm 'pppo' \(did you mean 'ppo'\?\)"),
         ("no_such_module:Class", "cannot be imported"),
         ("json:JSONDecoder", "not an algorithm with the interface of Stable-Baselines3"),
     ],
 )
-def test_what_is_no_algorithm_is_refused(algorithm, message):
+def test_what_is_no_algorithm_is_refused(name, message):
     with pytest.raises(ValueError, match=message):
-        tiny(algorithm=algorithm)
+        tiny(algorithm=name)
 
 
 def test_a_learner_that_cannot_take_the_spaces_says_so():
@@ -616,11 +616,11 @@ def test_a_learner_that_cannot_take_the_spaces_says_so():
         NativeVecEnv(late, seed=0)
 
 
-@pytest.mark.parametrize("algorithm", ["ppo", "sac"])
-def test_a_diverged_training_stops_with_the_reason(tmp_path, algorithm):
-    wild = {**RUNS[algorithm]["learner"], "learning_rate": 1e30}
+@pytest.mark.every("kind", ["ppo", "sac"])
+def test_a_diverged_training_stops_with_the_reason(tmp_path, kind):
+    wild = {**RUNS[kind]["learner"], "learning_rate": 1e30}
     with pytest.raises(ValueError, match=r"diverged at step \d+: try a lower learner.learning_rate"):
-        train(tiny(algorithm, learner=wild), progress=False, out=tmp_path / "run")
+        train(tiny(kind, learner=wild), progress=False, out=tmp_path / "run")
 
 
 def test_training_seeds_never_meet_tuning_or_test_seeds():

@@ -117,7 +117,7 @@ def test_validation_tells_the_policys_file_what_training_told(run):
     assert seen["return"].mean() in pd.read_csv(run / "curve.csv")["validation_return"].to_list()
 
 
-@pytest.mark.parametrize("angle", [0.7, -2.0])
+@pytest.mark.every("angle", [0.7, -2.0])
 def test_on_a_turned_map_with_turned_faults_a_told_policy_flies_the_same_way(run, angle):
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 

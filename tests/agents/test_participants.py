@@ -122,7 +122,7 @@ def test_a_folder_of_runs_is_one_participant_with_a_verdict_over_runs(tmp_path):
 
 
 @pytest.mark.usefixtures("importable")
-@pytest.mark.parametrize(("inputs", "outputs", "word"), [(9, 3, "observations"), (6, 2, "actions")])
+@pytest.mark.every(("inputs", "outputs", "word"), [(9, 3, "observations"), (6, 2, "actions")])
 def test_a_policy_of_other_spaces_is_refused_before_anybody_plays(tmp_path, inputs, outputs, word):
     path = linear_policy(tmp_path / "wrong.onnx", inputs, outputs)
     Middle.asked = 0

@@ -86,7 +86,7 @@ def write_log(path: Path, seed: int = 11, seconds: float = 25.0) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("path", "headers"),
     [
         ("/", {"Cookie": ""}),

@@ -186,7 +186,7 @@ def test_config_on_the_cli_page_records(tmp_path):
     assert len((tmp_path / "stiff_bench.csv").read_text().splitlines()) == 3001
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("page", "kind"),
     [("evaluation", "fieldagents.evaluation.config:EvaluateConfig"),
      ("training", "fieldagents.learned.config:TrainConfig")],

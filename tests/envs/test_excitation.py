@@ -64,7 +64,7 @@ def test_weights_weigh_the_bits_of_their_groups():
     np.testing.assert_allclose(rewards.sum(axis=0), gained, rtol=1e-12)
 
 
-@pytest.mark.parametrize("preset", ["table1", "soft"])
+@pytest.mark.every("preset", ["table1", "soft"])
 def test_relative_error_is_rewarded_by_its_halvings(preset):
     weights = (1.0, 2.0, 0.5, 1.0, 0.0)
     rewards, infos, _ = episode(

@@ -62,7 +62,7 @@ def walked(infos):
     return np.array([(i["privileged.offset"], i["privileged.heading"]) for i in infos])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("reality", "oracle"),
     [
         ({"steering_gain": {"gain": 0.6}}, lambda u: 0.6 * u),
@@ -79,7 +79,6 @@ def walked(infos):
             lambda u: u + np.interp(u, [-0.1, 0.0, 0.1], [0.03, -0.02, 0.0]),
         ),
     ],
-    ids=["gain", "gain and lag", "dead zone", "curve"],
 )
 def test_a_walk_turns_as_its_steering_gives(reality, oracle):
     seen, infos = play(LINE, TURNS, reality, **ENDLESS)
@@ -307,7 +306,7 @@ def leg(action):
     return np.pi * action[0], 2.5 * 200.0 ** (0.5 * (1.0 + action[1]))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("reality", "oracle"),
     [
         (
@@ -323,7 +322,6 @@ def leg(action):
             lambda n, e, t: (n * (0.9 if t >= 300.0 else 1.0), e),
         ),
     ],
-    ids=["gain and bias", "curve", "jump"],
 )
 def test_an_aircraft_flies_to_the_waypoint_that_it_is_given(reality, oracle):
     env, twin = (gym.make(UAV, reality=r, settings=SAFE).unwrapped for r in (reality, None))
@@ -468,7 +466,7 @@ MEASURED = {
 }
 
 
-@pytest.mark.parametrize("name", MEASURED)
+@pytest.mark.every("name", MEASURED)
 def test_the_model_with_the_same_effects_predicts_a_recorded_gait(name):
     """Also what it derives: the closures of the gyro's integral, and the push-off."""
     reality, errors = MEASURED[name]

@@ -42,7 +42,7 @@ def vector(num_envs=4, reality=None, **settings):
     )
 
 
-@pytest.mark.parametrize("detection", ["deterministic", "stochastic"])
+@pytest.mark.every("detection", ["deterministic", "stochastic"])
 def test_aircraft_that_nothing_couples_fly_as_each_does_alone(detection):
     """To rounding with drawn scans; else to the step, which a leg's end of another aircraft divides anew."""
     odd = LockLoss(lose=48.7, engage=401.3, target=33.3)  # no multiples of the time between scans
@@ -158,7 +158,7 @@ def test_a_radar_that_follows_one_does_what_plain_python_says():
     assert losses.sum() > 5
 
 
-@pytest.mark.parametrize(("tracking", "hits"), [("each", 2), ("one", 1)])
+@pytest.mark.every(("tracking", "hits"), [("each", 2), ("one", 1)])
 def test_a_followed_aircraft_shields_the_other_until_its_flight_is_over(tracking, hits):
     """Side by side across the radar's face: one radar, one target; the second is locked on too late."""
     layout = {
@@ -188,7 +188,7 @@ SETTINGS = (
 )
 
 
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.every("settings", SETTINGS)
 def test_rows_snapshots_and_totals(settings):
     """A row is the scalar environment, a snapshot amid legs goes on to the bit, and numbers add up."""
     envs = vector(3, {"wind": {"north": 15.0, "east": 5.0}}, **settings)
@@ -271,7 +271,7 @@ def test_all_aircraft_are_drawn():
     assert (env.render() != both).any()
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("settings", "error", "words"),
     [
         ({"aircraft": 0}, SettingsError, "aircraft"),

@@ -160,7 +160,7 @@ def test_a_damaged_local_file_is_refused(monkeypatch, tmp_path):
         fetch(DDP)
 
 
-@pytest.mark.parametrize("path", ["/gone", "/late", "/refused"])
+@pytest.mark.every("path", ["/gone", "/late", "/refused"])
 def test_out_of_reach_says_where_to_put_it(published, path, tmp_path):
     published(path, **({"port": 9} if path == "/refused" else {}))  # nobody listens at the port "discard"
     with pytest.raises(DatasetError, match=r"could not be fetched.*put the file at \$FIELDGYM_DATA/a/b.csv"):

@@ -64,7 +64,7 @@ def test_angle_stays_between_those_of_the_commands(case):
     assert motion[:, 0].min() >= (ends[:, 2] - ends[:, 0]).min() - 1e-12
 
 
-@pytest.mark.parametrize("limits", LIMITS)
+@pytest.mark.every("limits", LIMITS)
 def test_any_command_is_reached_in_a_few_decisions(limits):
     """No command traps the arm: 200 pairs of commands, half of them as strong as the arm can keep up."""
     frequency, acceleration = LIMITS[limits]
@@ -89,7 +89,7 @@ def test_amplitude_is_cut_to_what_can_be_kept_up():
     np.testing.assert_allclose(attained[-1, 1:], [12.0, 0.5])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("commands", "start", "message"),
     [
         ([1.0, 2.0, 3.0], CONSTANT, "shape"),

@@ -101,15 +101,14 @@ def inertial(signals: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return result
 
 
-@pytest.mark.parametrize("name", ["table1", "soft"])
+@pytest.mark.every("name", ["table1", "soft"])
 def test_noise_free_data_give_the_unknowns(name: str) -> None:
     assert percent(run(name)[0], name).max() < 1e-4
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("slip", "least"),
     [(into_arm_frame, 50.0), (without_d, 50.0), (in_degrees, 50.0), (inertial, 1.0)],
-    ids=lambda v: getattr(v, "__name__", None),
 )
 def test_the_usual_slips_are_caught(slip: Callable[..., np.ndarray], least: float) -> None:
     """On soft springs, whose motions are large; noise-free, so that all of the error is the slip's."""
@@ -182,7 +181,7 @@ def test_full_scale_is_the_largest_signal_of_constant_excitation() -> None:
     assert (full_scale(TABLE1)[:, ANGLE] < one[:, ANGLE]).all()
 
 
-@pytest.mark.parametrize("kind", ["full_scale", "running_max"])
+@pytest.mark.every("kind", ["full_scale", "running_max"])
 def test_noise_is_white_and_of_the_stated_size(kind: str) -> None:
     """Variance over 6000 draws a channel, 72 channels: within 12 % (6 standard errors)."""
     signals, _ = run("soft")

@@ -83,7 +83,7 @@ def test_draws_ahead_are_those_one_by_one():
     assert drawn_ahead(5, 2000).tobytes() == draws(2005)[0][5:].tobytes()
 
 
-@pytest.mark.parametrize("change", [0.3, -0.3])
+@pytest.mark.every("change", [0.3, -0.3])
 def test_the_sine_a_little_further_is_exact_to_the_fourth_order(change):
     for angle in np.linspace(-3.0, 3.0, 25):
         off = sine_near(np.sin(angle), np.cos(angle), change) - np.sin(angle + change)
@@ -122,8 +122,8 @@ SEVERAL = (
 )
 
 
-@pytest.mark.parametrize("batch", [3, 11])
-@pytest.mark.parametrize("bank", [False, True])
+@pytest.mark.every("batch", [3, 11])
+@pytest.mark.every("bank", [False, True])
 def test_a_batch_of_one_is_a_row_of_a_batch_to_the_bit(batch, bank):
     """Walkers go side by side, and each strikes when it does."""
     many, *single = (walkers(n, seed=s, bank=bank) for n, s in ((batch, 0), *((1, s) for s in range(batch))))
@@ -169,7 +169,7 @@ def test_effects_that_are_off_give_the_nominal_bits():
     assert np.array_equal(nominal.walkers["omega"], extended.walkers["omega"])
 
 
-@pytest.mark.parametrize("kind", ["low_pass", "ar1"])
+@pytest.mark.every("kind", ["low_pass", "ar1"])
 def test_collision_noise_has_its_envelope_and_correlation(kind):
     noise = Noise(gyro=0.0, process=0.0, floor=0.0, collision=0.5, collision_kind=kind)
     strides = walkers(400, noise)

@@ -104,7 +104,7 @@ def test_less_uncertainty_is_more_information(place, log_sigma, step):
     assert closed(mean, narrow, LOW, HIGH) >= closed(mean, wide, LOW, HIGH) - 1e-9
 
 
-@pytest.mark.parametrize("sigma", [RANGE / 4, RANGE / math.sqrt(12), RANGE, 5 * RANGE])
+@pytest.mark.every("sigma", [RANGE / 4, RANGE / math.sqrt(12), RANGE, 5 * RANGE])
 def test_the_slope_is_alive_where_little_is_known(sigma):
     # A capped untruncated entropy has slope zero here; the prior of a uniform range lies at R / sqrt(12).
     slope = (fast(sigma * 1.001, LOW, HIGH) - fast(sigma, LOW, HIGH)) / math.log(1.001)
@@ -113,7 +113,7 @@ def test_the_slope_is_alive_where_little_is_known(sigma):
     assert slope == pytest.approx(reference, rel=0.4)
 
 
-@pytest.mark.parametrize(("place", "limit"), [(0.5, 10.0), (0.0, 9.0)])
+@pytest.mark.every(("place", "limit"), [(0.5, 10.0), (0.0, 9.0)])
 def test_far_below_a_bin_the_sum_jumps_with_the_place_and_the_others_do_not(place, limit):
     mean = LOW + (300 + place) * BIN
     assert binned(mean, 1e-6 * BIN, LOW, HIGH) == pytest.approx(limit)
@@ -129,7 +129,7 @@ def test_arrays_broadcast_over_parameters():
     assert closed(np.zeros((3, 2)), 0.1, low, high).shape == fast(np.full((3, 2), 0.1), low, high).shape
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("arguments", "word"),
     [
         ((0.0, -1.0, 0.0, 1.0), "standard deviation"),

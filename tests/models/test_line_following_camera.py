@@ -30,7 +30,7 @@ def test_levels_are_those_of_figure_3_13():
     assert 160 <= np.median(image) <= 170
 
 
-@pytest.mark.parametrize("name", ["straight", "s", "oval"])
+@pytest.mark.every("name", ["straight", "s", "oval"])
 def test_centroid_of_images_agrees_with_geometry_within_a_millimetre(name):
     track, rng, errors = TRACKS[name](), np.random.default_rng(1), []
     renderer, optics = Renderer(track, CAMERA), make_optics(CAMERA)
@@ -51,7 +51,7 @@ def test_centroid_of_images_agrees_with_geometry_within_a_millimetre(name):
     assert abs(np.mean(errors)) < 2e-4
 
 
-@pytest.mark.parametrize("error", [-0.05, 0.0, 0.08])
+@pytest.mark.every("error", [-0.05, 0.0, 0.08])
 def test_a_camera_pitched_down_sees_nearer_ground(error):
     """The centroid of a line that runs askew, by a pinhole camera of its own that looks row by row."""
     track, heading, offset = straight(), 0.15, 0.05

@@ -34,7 +34,7 @@ def of_riccati() -> np.ndarray:
     return onward @ spread @ seen.T @ np.linalg.inv(seen @ spread @ seen.T + noise)
 
 
-@pytest.mark.parametrize("commands", ["", "law"])
+@pytest.mark.every("commands", ["", "law"])
 def test_the_gain_is_that_of_a_kalman_filter_whether_or_not_the_law_adds_anything(commands):
     """From 20,000 strides to 0.04; standard errors are of 0.01."""
     conditions = Conditions(duration=24_000.0, commands=commands)

@@ -85,7 +85,7 @@ def test_state_comes_back_exactly():
     assert (walk.walks == end).all()
 
 
-@pytest.mark.parametrize("track", ["straight", "s", "oval"])
+@pytest.mark.every("track", ["straight", "s", "oval"])
 def test_bodies_and_kinematics_agree_in_closed_loop(track):
     """Two plants of one robot: on dry floor they stay together within 3 mm on average."""
     walk = walks(1, track, noise=QUIET, offset=0.2, misalignment=0.1)
@@ -150,7 +150,7 @@ def test_the_centre_of_mass_moves_as_an_inverted_pendulum(monkeypatch):
     assert np.abs(np.diff(speeds[:, 0])).max() < 0.03  # also from step to step
 
 
-@pytest.mark.parametrize(("friction", "slips"), [(0.19, False), (0.15, True)])
+@pytest.mark.every(("friction", "slips"), [(0.19, False), (0.15, True)])
 def test_straight_walking_needs_a_friction_of_half_a_step_over_the_height(monkeypatch, friction, slips):
     speeds = np.abs(moments(monkeypatch, friction=friction)).reshape(-1, 2, 72, 3)
     slip = np.sum([speeds[:, step, :, 1 + step].sum(axis=-1) / 120 for step in (0, 1)], axis=0)  # of a stride
@@ -251,7 +251,7 @@ def predicted(states, steering, curvature, parameters=None):
     return model.simulate(model.nominal if parameters is None else parameters, one)[0, 0]
 
 
-@pytest.mark.parametrize("bend", [1 / 9, -1 / 9])
+@pytest.mark.every("bend", [1 / 9, -1 / 9])
 def test_the_prediction_on_a_circle_is_plane_geometry(bend):
     """The line goes through the origin eastwards and bends about (0, 1 / bend)."""
     steering = np.array([0.1, 0.0, -0.05, 0.15, 0.0, 0.1, 0.1, -0.1])
@@ -354,8 +354,8 @@ def test_bad_options_are_refused():
         Walks(2, Scene(straight()), np.tile(LineFollowing().nominal, (3, 1)))
 
 
-@pytest.mark.parametrize("plant", ["kinematic", "pymunk"])
-@pytest.mark.parametrize("sight", ["geometry", "image"])
+@pytest.mark.every("plant", ["kinematic", "pymunk"])
+@pytest.mark.every("sight", ["geometry", "image"])
 def test_each_walk_has_its_own_stride_and_camera(plant, sight):
     two = [LineFollowing().vector({"stride": s, "camera_height": h}) for s, h in ((0.6, 1.2), (0.8, 0.9))]
     scene = Scene(straight(), plant=plant, sight=sight, noise=Noise(lateral=0.0))

@@ -184,7 +184,7 @@ def test_the_sums_are_those_of_averaged_rows():
         np.testing.assert_array_equal(samples, 32 / length)
 
 
-@pytest.mark.parametrize("vehicle", [TABLE1, SOFT], ids=["table1", "soft"])
+@pytest.mark.every("vehicle", [TABLE1, SOFT])
 @pytest.mark.every("method", METHODS)
 def test_exact_data_give_the_truth(vehicle, method):
     truth, _ = shaken(vehicle, seed=1, decisions=10)
@@ -229,9 +229,9 @@ def test_average_of_the_sums_without_their_noise_is_the_noise_free_sum():
     assert np.all(error <= 6.0 * found.std(axis=0) / np.sqrt(len(found)) + 1e-12)
 
 
-@pytest.mark.parametrize("kind", ["full_scale", "running_max"])
-@pytest.mark.parametrize("vehicle", [TABLE1, SOFT], ids=["table1", "soft"])
-@pytest.mark.parametrize("seed", [None, 1], ids=["constant", "random"])
+@pytest.mark.every("kind", ["full_scale", "running_max"])
+@pytest.mark.every("vehicle", [TABLE1, SOFT])
+@pytest.mark.every("seed", [None, 1])
 def test_two_sigma_hold_for_the_compensated_filters_and_not_for_the_published_one(vehicle, kind, seed):
     # 12 noises x 22 unknowns: the standard error of a coverage is about 0.02 (unknowns of one run are
     # correlated); benchmarks/parameter_filter_coverage.py measures 0.90 to 0.98 more finely.

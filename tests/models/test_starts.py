@@ -47,7 +47,7 @@ class Crane(Machine):
         return state.trolley, math.asin((state.load - state.trolley) / p.cable)
 
 
-@pytest.mark.parametrize("middle", [0.0, 3.0])
+@pytest.mark.every("middle", [0.0, 3.0])
 def test_a_load_starts_where_the_angle_shows_it(middle):
     """3 m from where its states are 0, a load at 0 would hang at no angle at all."""
     trolley, angle = middle + 0.5 * np.sin(TIME), 0.3 * np.cos(2.0 * TIME + 1.0)
@@ -96,7 +96,7 @@ class SteppedCart(Cart):
         return x, y, turned, state.speed + dt * input.push / p.mass, state.turn + dt * input.twist
 
 
-@pytest.mark.parametrize("machine", [Cart, SteppedCart])
+@pytest.mark.every("machine", [Cart, SteppedCart])
 def test_a_robot_starts_as_fast_as_its_place_changes(machine):
     """On a circle of radius 2 m, backwards."""
     around = 0.4 * TIME
@@ -168,7 +168,7 @@ class Guessed(Oven):
         return states
 
 
-@pytest.mark.parametrize("machine", [Guessed, Doubted])
+@pytest.mark.every("machine", [Guessed, Doubted])
 def test_a_start_of_ones_own_is_no_unseen_one(machine):
     assert not machine().unseen(recorded(heat=0.0, volts=1.0))
 

@@ -124,7 +124,7 @@ ACTUATORS = {
 }
 
 
-@pytest.mark.parametrize("kind", ACTUATORS)
+@pytest.mark.every("kind", ACTUATORS)
 def test_an_actuator_gives_what_numpy_says(kind):
     reality, oracle = ACTUATORS[kind]
     given = given_by(reality)
@@ -165,7 +165,7 @@ SENSORS = {
 }
 
 
-@pytest.mark.parametrize("kind", SENSORS)
+@pytest.mark.every("kind", SENSORS)
 def test_a_sensor_shows_what_numpy_says(kind):
     reality, oracle = SENSORS[kind]
     shown = shown_by(reality)

@@ -87,7 +87,7 @@ def test_signature_is_bilinear_between_the_entries():
     )
 
 
-@pytest.mark.parametrize("interpolation", ["linear", "log"])
+@pytest.mark.every("interpolation", ["linear", "log"])
 def test_table_of_detection_is_met_both_ways(interpolation):
     for signature, row in TABLE_2.items():
         np.testing.assert_allclose(detection_range(signature, COLUMNS, interpolation), row, rtol=1e-12)
@@ -96,7 +96,7 @@ def test_table_of_detection_is_met_both_ways(interpolation):
         )
 
 
-@pytest.mark.parametrize("interpolation", ["linear", "log"])
+@pytest.mark.every("interpolation", ["linear", "log"])
 def test_detection_grows_with_signature_and_falls_with_range(interpolation):
     signature, slant = np.geomspace(5e-5, 1, 60)[:, None], np.linspace(5, 700, 400)
     chance = probability_of_detection(signature, slant, interpolation)
@@ -106,7 +106,7 @@ def test_detection_grows_with_signature_and_falls_with_range(interpolation):
     assert chance.max() == 0.99
 
 
-@pytest.mark.parametrize("interpolation", ["linear", "log"])
+@pytest.mark.every("interpolation", ["linear", "log"])
 def test_range_inverts_probability(interpolation):
     rng = np.random.default_rng(2)
     signature, chance = 10 ** rng.uniform(-6, 0, 500), rng.uniform(0.01, 0.99, 500)
@@ -218,7 +218,7 @@ def run(detections, step, constants):
     return trace, losses, hit
 
 
-@pytest.mark.parametrize("step", [0.1, 1.0, 5.0, 20.0])
+@pytest.mark.every("step", [0.1, 1.0, 5.0, 20.0])
 def test_damage_comes_after_engagement_and_missile_whatever_the_step(step):
     _, losses, hit = run([True] * 3000, step, AS_IT_IS)
     assert 200.0 - 1e-6 <= hit <= 200.0 + step + 1e-6
@@ -268,7 +268,7 @@ def test_instant_kill():
     assert math.isinf(run([False] * 99, 1.0, constants)[2])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("make", "words"),
     [
         (lambda: Aircraft(speed=0.0), "speed"),

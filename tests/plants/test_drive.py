@@ -107,7 +107,7 @@ def agree_in_motion(rng, agree):
     return check
 
 
-@pytest.mark.parametrize(("machine", "effect"), [(m, e) for m in DRIVES for e in get_bench(m).effects])
+@pytest.mark.every(("machine", "effect"), [(m, e) for m in DRIVES for e in get_bench(m).effects])
 def test_an_effect_from_rest_and_from_what_the_sensors_show(machine, effect, agree_in_motion):
     agree_in_motion(machine, {effect: VALUES[effect]})
 
@@ -125,12 +125,12 @@ def test_pairs_act_in_the_order_of_the_chain(agree_in_motion):
         agree_in_motion("pose_reaching", {effect: VALUES[effect] for effect in pair})
 
 
-@pytest.mark.parametrize("machine", DRIVES)
+@pytest.mark.every("machine", DRIVES)
 def test_everything_at_once(machine, agree_in_motion):
     agree_in_motion(machine, VALUES)
 
 
-@pytest.mark.parametrize("machine", DRIVES)
+@pytest.mark.every("machine", DRIVES)
 def test_an_episode_knows_nothing_of_the_one_before(machine, rng, agree):
     model, motion = get_model(machine), motion_for(rng)
     commands = commands_for(machine, motion)
@@ -156,7 +156,7 @@ def test_an_episode_knows_nothing_of_the_one_before(machine, rng, agree):
             agree(got, on[begin:], off[begin:], 3e-3)
 
 
-@pytest.mark.parametrize("machine", DRIVES)
+@pytest.mark.every("machine", DRIVES)
 def test_a_pose_driven_by_measured_wheels(machine, rng, agree):
     """What a diagnosis compares where the wheels are measured: whatever acts before them does nothing."""
     model, motion, weak = get_model(machine), motion_for(rng), {"actuator_gain": {"gain": 0.83}}
@@ -214,7 +214,7 @@ def agree_in_the_task(rng, agree):
     return check
 
 
-@pytest.mark.parametrize("effect", get_bench("pose_reaching").effects)
+@pytest.mark.every("effect", get_bench("pose_reaching").effects)
 def test_an_effect_in_the_task(effect, agree_in_the_task):
     agree_in_the_task({effect: VALUES[effect]})
     agree_in_the_task({effect: VALUES[effect]}, "omnidirectional")

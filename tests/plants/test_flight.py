@@ -37,11 +37,6 @@ EXACT = np.array([1e-6, 1e-6, 1e-9, 1e-9, 1e-9])
 SPEED, STEP, COUNT = 243.7, 2.0, 900
 
 
-def names(effects: Effects) -> str:
-    """Name of a test's case."""
-    return "all" if len(effects) > 2 else "".join(effects) or "nominal"
-
-
 def plant(effects: Effects, speed: float = SPEED) -> flight.Flight:
     """The aircraft in a reality."""
     made = flight.Flight(speed)
@@ -72,7 +67,7 @@ def flown(effects: Effects) -> tuple[Array, Array]:
     return rows[:, :2], out
 
 
-@pytest.mark.parametrize("effects", REALITIES, ids=names)
+@pytest.mark.every("effects", REALITIES)
 def test_prediction(effects: Effects) -> None:
     """Effects change a prediction as their equations say: from a leg's start, in a bank and after it."""
     model, (to, shown) = UavRoute(), flown(effects)

@@ -48,11 +48,6 @@ FLOOR = 1e-9
 STEP, COUNT, LENGTH = 0.002, 3000, 1.0371
 
 
-def names(effects: Effects) -> str:
-    """Name of a test's case."""
-    return "+".join(effects) or "nominal"
-
-
 def walked(effects: Effects, torques: Array, length: float = LENGTH) -> Array:
     """Strike, gyro and angle at the latest strike by the plant, which makes finer steps, shape (n, 3)."""
     plant = leg.Leg(length, steps=16)
@@ -114,7 +109,7 @@ def apart(ours: Array, theirs: Array) -> Array:
     return np.nanmax(np.abs(ours - theirs), axis=(0, 1))
 
 
-@pytest.mark.parametrize("effects", REALITIES, ids=names)
+@pytest.mark.every("effects", REALITIES)
 def test_prediction(effects: Effects) -> None:
     """Effects change a prediction as their equations say, one or more at a time."""
     ours, without, theirs = both(effects)
@@ -153,7 +148,7 @@ def quiet(effects: Effects, process: float) -> Any:
     return env
 
 
-@pytest.mark.parametrize("effects", REALITIES[1:], ids=names)
+@pytest.mark.every("effects", REALITIES[1:])
 def test_environment(effects: Effects) -> None:
     """The environment in this reality walks, and reads its gyro, as the plant does under the same torque."""
     strides, parts, strike = quiet(effects, 0.3)._task.strides, [], []

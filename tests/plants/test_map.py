@@ -12,7 +12,7 @@ MAP, STEP, COUNT = get_model("map"), 5.5, 400
 BASE = {"gain": -1.7, "offset": 0.23}
 
 
-@pytest.mark.parametrize("effect", get_bench("map").effects)
+@pytest.mark.every("effect", get_bench("map").effects)
 def test_the_map_shows_in_each_row_what_its_command_makes(rng, effect):
     commands = np.repeat(rng.uniform(-1.2, 1.2, COUNT // 4), 4)
     for sign in (-1, 1):

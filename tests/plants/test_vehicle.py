@@ -59,11 +59,6 @@ BEGAN = 0.713
 """Time of a recording's first sample [s]."""
 
 
-def name_of(effects: Effects) -> str:
-    """Name of a test's case."""
-    return "+".join(effects)
-
-
 def plant(effects: Effects, body: str = "soft", **more: Any) -> vehicle.Vehicle:
     """The plant of the odd body in a reality."""
     base = {p.name: p.nominal for p in ExcitationModel(body).parameters} | ODD
@@ -118,7 +113,7 @@ def check_change(own: Array, theirs: Array, own_off: Array, theirs_off: Array, s
     np.testing.assert_array_less(error, share * change + 1e-6 * size + 1e-12)
 
 
-@pytest.mark.parametrize("body", ["soft", "table1"])
+@pytest.mark.every("body", ["soft", "table1"])
 def test_nominal_prediction(body: str) -> None:
     """Without effects every sensor shows what the plant says."""
     for axis in range(3):
@@ -128,7 +123,7 @@ def test_nominal_prediction(body: str) -> None:
             assert error.max() < NOMINAL * size.max()
 
 
-@pytest.mark.parametrize("effects", REALITIES, ids=name_of)
+@pytest.mark.every("effects", REALITIES)
 def test_prediction(effects: Effects) -> None:
     """Effects change a prediction as their equations say, one or more at a time."""
     for axis in range(3):
@@ -260,7 +255,7 @@ def told(reality: str) -> Array:
     return np.concatenate(parts, axis=1)[5::5].transpose(2, 0, 1)
 
 
-@pytest.mark.parametrize("effects", REALITIES, ids=name_of)
+@pytest.mark.every("effects", REALITIES)
 def test_environment(effects: Effects) -> None:
     """The environment's sensors show in this reality what the plant says."""
     own, own_off = (quiet(json.dumps(on))[0].copy() for on in (effects, {}))

@@ -40,11 +40,6 @@ EDGE = 1e-3
 BASE = {"stride": 0.713, "camera_height": 1.0371}
 
 
-def name_of(effects: Effects) -> str:
-    """Name of a test's case."""
-    return "all" if len(effects) > 2 else "".join(effects) or "nominal"
-
-
 def walked(effects: Effects, start: tuple[float, float], commands: Array) -> Array:
     """Command, line, offset and heading at each stride by the plant, steered by the commands alone."""
     walker = walk.Walker(*BASE.values(), start=start, law=(0.0, 0.0, 0.0))
@@ -52,7 +47,7 @@ def walked(effects: Effects, start: tuple[float, float], commands: Array) -> Arr
     return walk.simulate(walker, commands, np.zeros((len(commands), 5)))
 
 
-@pytest.mark.parametrize("effects", REALITIES, ids=name_of)
+@pytest.mark.every("effects", REALITIES)
 def test_prediction(effects: Effects) -> None:
     """Effects change a prediction as their equations say."""
     commands = np.array([-0.05, 0.14, -0.13, 0.11, -0.14, 0.02, 0.13, -0.05, -0.06, 0.0])
