@@ -30,7 +30,7 @@ test: $(READY)  ## the test suite
 nightly: $(READY)  ## every test and every deliberate error, in parts that resume; unchanged parts are left out
 	$(BIN)/python tests/nightly.py $(ONLY:%=--only %)
 
-check: $(READY)  ## style, types, floors
+check: $(READY)  ## style, types, layers
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy

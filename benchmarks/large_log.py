@@ -24,7 +24,7 @@ EPISODES, SECONDS, STEP = 13, 200.0, 0.001
 def diagnosed(log: Path, out: Path) -> tuple[float, float, float, str]:
     """Seconds, processor seconds, peak memory of all so far [GB], and what the command says first."""
     before, began = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    command = [str(Path(sys.executable).with_name("fieldgym")), "diagnose", str(log), "--model", "pendulum"]
+    command = [str(Path(sys.executable).with_name("fieldgym")), "diagnose", str(log), "--machine", "pendulum"]
     done = subprocess.run([*command, "--out", str(out)], capture_output=True, text=True, check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -55,7 +55,7 @@ def recording(model, *changes):
 
 
 def diagnosis(log):
-    return ["diagnose", f"{{folder}}/{log}.csv", "--model", log.rpartition("-")[0]]
+    return ["diagnose", f"{{folder}}/{log}.csv", "--machine", log.rpartition("-")[0]]
 
 
 def training(name, part, updates, **changes):

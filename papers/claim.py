@@ -142,7 +142,7 @@ class Decided:
     @property
     def verdicts(self) -> dict[str, Verdict]:
         """The verdict in each reading."""
-        return {name: judge(number, self.claim.holds) for name, number in self.measured.items()}
+        return {name: decide(number, self.claim.holds) for name, number in self.measured.items()}
 
     @property
     def verdict(self) -> Verdict:
@@ -172,7 +172,7 @@ class Decided:
         return self.verdict not in (self.claim.expected, "undecided", "not computable")
 
 
-def judge(number: Statistic | None, holds: tuple[float, float]) -> Verdict:
+def decide(number: Statistic | None, holds: tuple[float, float]) -> Verdict:
     """Decide one reading: by where the interval of our number lies.
 
     Args:

@@ -1,4 +1,4 @@
-"""What there is: tasks, agents, models with their effects, trained policies, recordings."""
+"""What there is: tasks, agents, machines with their effects, trained policies, recordings."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def catalogue() -> dict[str, Any]:
     return found
 
 
-def own_model(name: str) -> dict[str, Any] | None:
-    """The part for a model's Python file, or for a file of YAML that names a model; None for another name.
+def own_machine(name: str) -> dict[str, Any] | None:
+    """The part for a machine's Python file, or for a file of YAML that names one; None for another name.
 
     Raises:
         ModelError: If the file has no model, or names a Python file, which is run only if it is named itself.
@@ -52,7 +52,7 @@ def own_model(name: str) -> dict[str, Any] | None:
         name = model_named_in(name)
     elif not is_model_file(name):
         return None
-    return {"tasks": [], "models": [_described(name, get_model(name))]}
+    return {"tasks": [], "machines": [_described(name, get_model(name))]}
 
 
 def selected(found: dict[str, Any], name: str | None, agents: bool) -> dict[str, Any]:
@@ -60,22 +60,22 @@ def selected(found: dict[str, Any], name: str | None, agents: bool) -> dict[str,
 
     Args:
         found: The catalogue.
-        name: Only the task and the model of this name.
+        name: Only the task and the machine of this name.
         agents: Only the tasks' agents.
 
     Raises:
         CatalogueError: If nothing has the name.
     """
-    tasks, models = found["tasks"], found["models"]
+    tasks, machines = found["tasks"], found["machines"]
     if name is not None:
-        known = list(dict.fromkeys(one["name"] for one in [*tasks, *models]))
+        known = list(dict.fromkeys(one["name"] for one in [*tasks, *machines]))
         if name not in known:
-            raise CatalogueError(f"no task or model {name!r}{did_you_mean(name, known)}")
-        tasks, models = ([one for one in group if one["name"] == name] for group in (tasks, models))
+            raise CatalogueError(f"no task or machine {name!r}{did_you_mean(name, known)}")
+        tasks, machines = ([one for one in group if one["name"] == name] for group in (tasks, machines))
     if agents:
         kept = ("name", "env_id", "description", "agents")
         return {"tasks": [{key: one[key] for key in kept} for one in tasks]}
-    return {"tasks": tasks, "models": models} if name else found
+    return {"tasks": tasks, "machines": machines} if name else found
 
 
 def _state_of_files() -> str:
@@ -122,7 +122,7 @@ def _gathered() -> dict[str, Any]:
     ]
     return {
         "tasks": tasks,
-        "models": [_described(name, get_model(name)) for name in model_names()],
+        "machines": [_described(name, get_model(name)) for name in model_names()],
         "zoo": [str(entry) for entry in list_zoo()],
         "datasets": list(dataset_names()),
     }
@@ -164,12 +164,12 @@ def show(found: dict[str, Any], console: Console) -> None:
         for one in task["settings"]:
             table.add_row(one["name"], f"{one['default']} {one['unit']}".rstrip(), one["range"])
         console.print(table)
-    for model in found.get("models", ()):
+    for model in found.get("machines", ()):
         units = {
             kind: ", ".join(f"{s['name']} {_unit(s)}" for s in model[kind]) for kind in ("inputs", "outputs")
         }
         console.print(
-            f"\n[bold]Model {model['name']}[/bold]: {units['inputs'] or 'no input'} → {units['outputs']}"
+            f"\n[bold]Machine {model['name']}[/bold]: {units['inputs'] or 'no input'} → {units['outputs']}"
         )
         table = Table("parameter", "unit", "nominal")
         for one in model["parameters"]:

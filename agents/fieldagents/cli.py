@@ -166,15 +166,15 @@ def list_(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Only the task and the model of this name; or your own model's file, or a `bench.yaml`.",
+            help="Only the task and the machine of this name; or your own machine's file, or a `bench.yaml`.",
             show_default=False,
-            autocompletion=completion.tasks_and_models,
+            autocompletion=completion.tasks_and_machines,
         ),
     ] = None,
     agents: Annotated[bool, typer.Option("--agents", help="Only the tasks' agents.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Show the tasks, their agents, the models with their effects, and the trained policies.
+    """Show the tasks, their agents, the machines with their effects, and the trained policies.
 
     For example:
 
@@ -182,17 +182,18 @@ def list_(
 
         fieldgym list rig
 
-        fieldgym list my_model.py
+        fieldgym list my_machine.py
 
         fieldgym list --agents
 
-        fieldgym list --json | jq '.models[].effects[].name'
+        fieldgym list --json | jq '.machines[].effects[].name'
     """
     from fieldagents import catalogue
 
-    own = catalogue.own_model(name) if name else None
+    own = catalogue.own_machine(name) if name else None
     found = own or catalogue.selected(catalogue.catalogue(), name, agents)
-    print_result(as_json, found, partial(catalogue.show, found))
+    as_before = {"models": found["machines"]} if "machines" in found else {}  # the key of 0.1
+    print_result(as_json, found | as_before, partial(catalogue.show, found))
 
 
 @app.command()
@@ -373,7 +374,7 @@ def record(
     dry_run: DryRun = False,
     as_json: Json = False,
 ) -> None:
-    """Run a model in a (hidden) reality and save what its sensors measure, as CSV or Parquet.
+    """Run a machine in a (hidden) reality and save what its sensors measure, as CSV or Parquet.
 
     The recording is what `fieldgym diagnose` reads; the reality is written beside it, as
     `<name>.reality.yaml`.
@@ -396,20 +397,18 @@ def record(
 
 
 _DATA = "Logs of any format, or names of public recordings; files of one run as `a.csv+b.csv`."
-_MODEL = (
-    "Model to hold against the data, as `fieldgym list` names it, or a Python file of yours, which is run."
-)
+_MACHINE = "Machine that the log is of: a name of `fieldgym list`, or a Python file of yours, which is run."
 _TEST = "Separate recording on which the gain is measured; repeatable."
 _COLUMN = "Which column holds a signal, as in `torque=-2.5*tau:N cm`, in all files or in one; repeatable."
 _ALIGN = """Move the clocks of several files of one run until their signals agree best: an assumption, under
 which no delay can be told."""
 _INPUT = "`none`: nothing was commanded, all inputs are zero (a ring-down, a coast-down)."
 _HOLD = """What the inputs do between samples: `held`, as a controller commands them, or `interpolated`, as
-sampled analogue signals (default: as the model says, or fits better)."""
+sampled analogue signals (default: as the machine says, or fits better)."""
 _WINDOW = """`record`: run through each episode from one start, for slow processes with hidden states
-(default: as the model says, else windows that each have their own start)."""
+(default: as the machine says, else windows that each have their own start)."""
 _BUDGET = "Give the best verdict after this time, and what was not tried (default: none)."
-_CALL_LIMIT = "Stop a model of your own if one call into it takes longer (processor time; default: none)."
+_CALL_LIMIT = "Stop a machine of your own if one call into it takes longer (processor time; default: none)."
 _THEN = "Then tune an agent in the extended simulation, and test it beside the nominal one."
 
 
@@ -418,7 +417,12 @@ def diagnose(
     data: Annotated[
         list[str], typer.Argument(metavar="DATA...", help=_DATA, autocompletion=completion.recordings)
     ],
-    model: Annotated[str, typer.Option(metavar="NAME", help=_MODEL, autocompletion=completion.models)],
+    machine: Annotated[
+        str,
+        typer.Option(
+            "--machine", "--model", metavar="NAME", help=_MACHINE, autocompletion=completion.machines
+        ),
+    ],
     test: Annotated[
         list[str] | None, typer.Option(metavar="DATA", help=_TEST, autocompletion=completion.recordings)
     ] = None,
@@ -445,7 +449,7 @@ def diagnose(
     input_: Annotated[Literal["none"] | None, typer.Option("--input", help=_INPUT)] = None,
     hold: Annotated[Literal["held", "interpolated"] | None, typer.Option(help=_HOLD)] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<model>`).")
+        Path | None, typer.Option(help="Result folder (default: `results/diagnosis-<machine>`).")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the resampling.", min=0, max=LARGEST_SEED)] = 0,
     window: Annotated[Literal["record"] | None, typer.Option(help=_WINDOW)] = None,
@@ -467,19 +471,19 @@ def diagnose(
 
     For example:
 
-        fieldgym diagnose bench.csv --model rig --test bench2.csv
+        fieldgym diagnose bench.csv --machine rig --test bench2.csv
 
-        fieldgym diagnose log.csv --model pendulum --column t=time --column angle=position:deg
+        fieldgym diagnose log.csv --machine pendulum --column t=time --column angle=position:deg
 
-        fieldgym diagnose messung.xlsx --model pendulum --accept
+        fieldgym diagnose messung.xlsx --machine pendulum --accept
 
-        fieldgym diagnose swings_out.csv --model pendulum --input none
+        fieldgym diagnose swings_out.csv --machine pendulum --input none
 
-        fieldgym diagnose dfki_simple_pendulum/ddp --model pendulum
+        fieldgym diagnose dfki_simple_pendulum/ddp --machine pendulum
 
-        fieldgym diagnose walk.csv --model heel_strike --then-retune configs/heel_strike/retune.yaml
+        fieldgym diagnose walk.csv --machine heel_strike --then-retune configs/heel_strike/retune.yaml
 
-        fieldgym diagnose log.csv --model my_bench.py
+        fieldgym diagnose log.csv --machine my_bench.py
     """
     began = perf_counter()
     from fieldagents import findings, plan
@@ -488,7 +492,7 @@ def diagnose(
     from fieldmodels.model_files import is_model_file, load_model_file
     from fieldmodels.registry import get_model
 
-    chosen = get_model(model) if call_limit is None else load_model_file(model, call_limit)
+    chosen = get_model(machine) if call_limit is None else load_model_file(machine, call_limit)
     if hold is not None:
         chosen = held_inputs(chosen, hold)
     held = findings.fixed_parameters(chosen, fixed or [])
@@ -510,10 +514,10 @@ def diagnose(
     out = out or Path("results") / f"diagnosis-{chosen.name}"
     folder = begin(plan.of_diagnosis(chosen, recordings, tests, held, out, loop), dry_run, as_json)
     checked: AbstractContextManager[None] = nullcontext()
-    if is_model_file(model):
+    if is_model_file(machine):
         from fieldmodels.contract import kept
 
-        checked = kept(chosen.scaled_to(recordings), recordings[0], model)
+        checked = kept(chosen.scaled_to(recordings), recordings[0], machine)
     with checked, progress() as report:
         diagnosis = run(
             chosen, recordings, tests, fixed=held, progress=report, seed=seed, budget=budget, window=window
@@ -559,12 +563,14 @@ def open_(
 def export(
     extended: Annotated[Path, typer.Argument(metavar="EXTENDED", help="`extended.yaml` of a diagnosis.")],
     out: Annotated[Path, typer.Argument(metavar="FILE", help="Python file to write.")],
-    model: Annotated[
+    machine: Annotated[
         str,
         typer.Option(
+            "--machine",
+            "--model",
             metavar="NAME",
-            help="Your own model's file (default: the model that was diagnosed).",
-            autocompletion=completion.models,
+            help="Your own machine's file (default: the machine that was diagnosed).",
+            autocompletion=completion.machines,
         ),
     ] = "",
     as_json: Json = False,
@@ -582,7 +588,7 @@ def export(
     from fieldmodels.drivers.named import extended_model
     from fieldmodels.export import write_model
 
-    write_model(*extended_model(extended, model), out)
+    write_model(*extended_model(extended, machine), out)
     print_files({"model": str(out)}, as_json)
 
 

@@ -18,8 +18,8 @@ def _named(kind: str, word: str) -> list[str]:
     return _begun((one if isinstance(one, str) else one["name"] for one in catalogue()[kind]), word)
 
 
-def models(incomplete: str) -> list[str]:
-    """Models."""
+def machines(incomplete: str) -> list[str]:
+    """Machines."""
     from fieldmodels.registry import model_names
 
     return _begun(model_names(), incomplete)
@@ -30,9 +30,9 @@ def tasks(incomplete: str) -> list[str]:
     return _named("tasks", incomplete)
 
 
-def tasks_and_models(incomplete: str) -> list[str]:
+def tasks_and_machines(incomplete: str) -> list[str]:
     """What ``fieldgym list`` takes."""
-    return _begun([*tasks(incomplete), *models(incomplete)], incomplete)
+    return _begun([*tasks(incomplete), *machines(incomplete)], incomplete)
 
 
 def agents(ctx: typer.Context, incomplete: str) -> list[str]:

@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_args, get_origin
+from typing import Annotated, Any, ClassVar, TypeVar, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -18,6 +18,7 @@ from pydantic import (
     ValidationError,
     ValidationInfo,
     field_validator,
+    model_validator,
 )
 from ruamel.yaml import YAML
 from ruamel.yaml.nodes import MappingNode, SequenceNode
@@ -74,6 +75,14 @@ class Config(BaseModel):
     """Base of every config: unknown keys are mistakes, and nothing changes after loading."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+    was: ClassVar[Mapping[str, str]] = {}
+    """Keys of 0.1 to those that took their place."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed(cls, data: Any) -> Any:
+        return {cls.was.get(k, k): v for k, v in data.items()} if isinstance(data, dict) else data
 
     @field_validator("*", mode="before")
     @classmethod
@@ -204,14 +213,14 @@ def wrong_reality(reality: Any, model: str, channels: Any = None) -> Problems:
         model: Name of the model; stock effects around it are known too.
         channels: Which of the model's signals a task commands and measures; None for all.
     """
-    from fieldmodels.drivers.named import flown, stock_of
+    from fieldmodels.drivers.named import apply_reality, stock_of
     from fieldmodels.registry import get_model
 
     chosen = get_model(model)
     known = {effect.name for effect in chosen.effects} | set(stock_of(chosen))
     for at, part in _parts(reality, known):
         try:
-            flown(chosen, part, channels)
+            apply_reality(chosen, part, channels)
         except (ModelError, YamlError) as error:
             yield at, str(error)
 
@@ -379,6 +388,8 @@ def _checked(data: dict[str, Any], places: dict[Location, str], kind: type[C], o
         ConfigError: With every mistake at once.
     """
     problems = [problem for text in overrides if (problem := _override(data, places, text))]
+    renamed = getattr(kind, "was", {})
+    places |= {(renamed[at[0]], *at[1:]): line for at, line in places.items() if at and at[0] in renamed}
     try:
         config = kind.model_validate(data, context=overrides)
     except ValidationError as error:

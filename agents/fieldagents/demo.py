@@ -35,7 +35,7 @@ DATA = {
     False: "A pendulum simulated by another program (no real recording could be fetched):",
 }
 NEXT = (
-    "Next: your own log             fieldgym diagnose your_log.csv --model pendulum",
+    "Next: your own log             fieldgym diagnose your_log.csv --machine pendulum",
     "      a task for your trainer  gym.make('fieldgym:fieldgym/HeelStrike-v0')",
     "      all tasks and agents     fieldgym list",
 )
@@ -43,7 +43,7 @@ SCENARIOS = {"collisions_with_memory": "ar1", "collisions_that_drift": "low_pass
 
 
 @dataclass(frozen=True)
-class Bench:
+class Recordings:
     """A pendulum's recordings, and what they are.
 
     Attributes:
@@ -82,7 +82,7 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
     """
     pendulum = get_model("pendulum")
     progress("Looking for real data", 0.0)
-    bench = find_bench(pendulum)
+    found_logs = find_recordings(pendulum)
 
     known = get_task("heel_strike").agents
     of_extras = {name for name, agent in known.items() if agent.extra}  # a newcomer waits, and may lack them
@@ -96,7 +96,9 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
         baseline="ranger",
         episodes=episodes,
     )
-    diagnosis = diagnose(pendulum, [bench.train], [bench.test], progress=_share(progress, 0.02, 0.45))
+    diagnosis = diagnose(
+        pendulum, [found_logs.train], [found_logs.test], progress=_share(progress, 0.02, 0.45)
+    )
     summary = evaluate(config, out / "heel_strike", _share(progress, 0.45, 0.95))
     progress("Writing the report", 0.95)
     drawn = pictures(diagnosis)
@@ -105,11 +107,11 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
     compared = lead(summary)
     body = "\n".join(
         [
-            f'<div class="lead"><p><b>{DATA[bench.real]}</b> {html.text(found)} '
+            f'<div class="lead"><p><b>{DATA[found_logs.real]}</b> {html.text(found)} '
             '<a href="#diagnosis">More</a></p>'
             f'<p><b>Heel-strike estimators</b><br>{compared} <a href="#agents">More</a></p></div>',
             '<h2 id="diagnosis">1. Diagnosis: what does the simulation of this pendulum get wrong?</h2>',
-            f"<p>{html.text(bench.about)}</p>",
+            f"<p>{html.text(found_logs.about)}</p>",
             _below(diagnosis_section(diagnosis, drawn, "pendulum/figures")),
             '<h2 id="agents">2. Agents: a walking robot\'s heel-strike estimator</h2>',
             "<p>Each step of <code>fieldgym/HeelStrike-v0</code> is one stride: the agent chooses the "
@@ -131,10 +133,10 @@ def run_demo(out: Path, progress: Report, episodes: int = 30) -> Demo:
     report = out / "report.html"
     write_text(report, html.page("fieldgym demo", body))
     progress("Done", 1.0)
-    return Demo(report, (f"{DATA[bench.real]} {found}", *html.plain(compared)))
+    return Demo(report, (f"{DATA[found_logs.real]} {found}", *html.plain(compared)))
 
 
-def find_bench(pendulum: Model) -> Bench:
+def find_recordings(pendulum: Model) -> Recordings:
     """Real recordings where they can be had; else those that are shipped, of a simulated pendulum."""
     try:
         train, test = open_recording(TRAIN, pendulum), open_recording(TEST, pendulum)
@@ -144,13 +146,13 @@ def find_bench(pendulum: Model) -> Bench:
             f"No real recording could be had ({error}). Instead: a pendulum with dry friction of 0.15 N m, "
             "simulated by a program that shares no code with the model; the diagnosis knows nothing of it."
         )
-        return Bench(train, test, about, real=False)
+        return Recordings(train, test, about, real=False)
     sources = [get_dataset(name) for name in (TRAIN, TEST)]
     about = (
         f"Real data: a torque-limited pendulum at DFKI RIC ({sources[0].licence}). Learned from: "
         f"{sources[0].about} ({sources[0].source}); tested on: {sources[1].about} ({sources[1].source})."
     )
-    return Bench(train, test, about, real=True)
+    return Recordings(train, test, about, real=True)
 
 
 def _picture(width: float) -> object:

@@ -29,7 +29,7 @@ class ForeignDefinition(TaskDefinition):
         if module != "agents":
             return ()
         return (
-            ReferenceAgent("random", "Actions drawn at random", lambda _: Drawn()),
+            ReferenceAgent("random", "Actions drawn at random", lambda _: RandomActions()),
             ReferenceAgent(
                 "still",
                 "The middle of every action, or the first of those that can be counted",
@@ -38,7 +38,7 @@ class ForeignDefinition(TaskDefinition):
         )
 
 
-class Drawn(Agent):
+class RandomActions(Agent):
     """Draws its actions; the seed of the evaluation is that of the draws."""
 
     def __init__(self) -> None:
@@ -59,7 +59,7 @@ class Drawn(Agent):
         return np.stack([np.asarray(self._space.sample()) for _ in range(len(observation))])
 
 
-class Middle(Drawn):
+class Middle(RandomActions):
     """Always the same action."""
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:

@@ -172,7 +172,7 @@ def of_recording(config: RecordConfig, out: Path) -> Plan:
     """Of ``fieldgym record``."""
     from fieldmodels.registry import get_model
 
-    model, refined = get_model(config.model), 8
+    model, refined = get_model(config.machine), 8
     rows = config.episodes * config.duration / (config.step or 0.01)
     columns = 3 * (len(model.inputs) + 2 * len(model.outputs) + len(model.states) + 2)
     work = {"start:record": 1.0, "kernels:any": 1.0, f"recorded rows:{model.name}": rows / 1000}

@@ -1,4 +1,4 @@
-"""What a task declares on this floor, and where a task is found by its name.
+"""What a task declares of its agents, and where a task is found by its name.
 
 A task is a folder of ``fieldagents.tasks``. Its ``task.py`` holds ``TASK``, a `TaskDefinition`. Two files
 beside it are imported only when they are asked for, and may be missing: ``agents.py`` with ``AGENTS``
@@ -151,7 +151,7 @@ class Tuner:
         tune: Makes the agent from the environment's settings, the reality in which it is simulated, and the
             options, with tuning seeds alone. Equal arguments give equal agents, so that what is tuned in the
             right simulation is the oracle to the bit.
-        told: Whether the agent is not made anew but told what a diagnosis has found, also that it is nothing.
+        conditioned: Whether the agent is not made anew but given what a diagnosis has found, if anything.
         runs: Number of training runs of one that is told; its options say which one is made.
     """
 
@@ -159,7 +159,7 @@ class Tuner:
     title: str
     options: type[Config]
     tune: Callable[[Mapping[str, Any], Any, Any], Agent]
-    told: bool = False
+    conditioned: bool = False
     runs: int = 1
 
 
@@ -181,10 +181,10 @@ class Drives(Protocol):
 
 @dataclass(frozen=True)
 class TaskDefinition:
-    """What the floor of agents knows of a task.
+    """What the layer of agents knows of a task.
 
     Attributes:
-        name: Its name on every floor.
+        name: Its name in every layer.
         metrics: What is measured in an episode; verdicts are about the first.
         recorder: Who records its model's data; None for a model that is driven by a command.
         picture: The agent that ``watch`` and the documentation's film show; None for the first that acts.

@@ -24,7 +24,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from fieldgym.info import InfoLike, complete, merged, row
-from fieldgym.randomisation import Drawn
+from fieldgym.randomisation import EpisodeParameters
 from fieldmodels.compiled import allocation_free
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.reality import Reality
@@ -67,7 +67,7 @@ class BatchTask(ABC):
 
     settings: Any
     reality: Reality
-    drawn: Drawn
+    drawn: EpisodeParameters
     metadata: Mapping[str, Any] = NO_OPTIONS
     channels: ClassVar[Channels] = Channels()
     stock: Stepped | None = None

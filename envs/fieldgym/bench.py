@@ -23,10 +23,10 @@ from fieldgym.base import (
     TaskEnv,
     TaskVectorEnv,
 )
-from fieldgym.randomisation import Drawn
+from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import SettingsError, read_random_settings
 from fieldmodels.drivers.batch import BatchDriver
-from fieldmodels.drivers.named import flown, model_named_in, without_followed
+from fieldmodels.drivers.named import apply_reality, model_named_in, without_followed
 from fieldmodels.machine import Machine
 from fieldmodels.model import check_instance
 from fieldmodels.model_files import is_model_file
@@ -79,10 +79,10 @@ class BenchTask(BatchTask):
         """Make a batch of a machine; see ``BatchTask``."""
         del drawing
         self.settings, samplers = read_random_settings(settings, BenchSettings)
-        machine, self.reality = without_followed(*flown(nominal, reality))
+        machine, self.reality = without_followed(*apply_reality(nominal, reality))
         assert isinstance(machine, Machine)
         self.machine = machine
-        self.drawn = Drawn(batch, machine, self.reality, self.settings, samplers)
+        self.drawn = EpisodeParameters(batch, machine, self.reality, self.settings, samplers)
         outputs = [s.name for s in machine.outputs]
         track = self.settings.track or outputs[0]
         if track not in outputs:

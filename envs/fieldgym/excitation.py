@@ -20,9 +20,9 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Box, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.info import Info
-from fieldgym.randomisation import Drawn
+from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import read_truth
+from fieldgym.stock import configure_model
 from fieldmodels.compiled import allocation_free, allocation_free_inlined
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import DECISION
@@ -198,13 +198,13 @@ class _ExcitationTask(BatchTask):
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, ExcitationSettings)
         model = model_of(self.settings)
-        truth = read_truth(reality, model, self.channels, batch, FINEST)
+        truth = configure_model(reality, model, self.channels, batch, FINEST)
         self.reality, self.stock = truth.reality, truth.stock
 
         def around(own: ExcitationSettings) -> Model:
             return truth.around(model_of(own))
 
-        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers, around)
+        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers, around)
         others = {one.preset for one in self.drawn.extremes()} - {DIAGNOSED}
         if isinstance(reality, str | Path) and self.reality.base and others:
             raise ModelError(

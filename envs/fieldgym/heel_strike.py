@@ -19,9 +19,9 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.info import Info
-from fieldgym.randomisation import Drawn
+from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import read_truth
+from fieldgym.stock import configure_model
 from fieldmodels.compiled import compiled
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import CollisionKind, Leg, PushOff, Regimes
@@ -105,12 +105,12 @@ class HeelStrikeSettings(Regimes):
 
     @property
     def leg(self) -> Leg:
-        """The leg as the model on the ground floor takes it."""
+        """The leg as the model takes it."""
         return part_of(self, Leg)
 
     @property
     def walk(self) -> Walk:
-        """Leg, noise and estimators as the ground floor takes them."""
+        """Leg, noise and estimators as `fieldmodels` takes them."""
         return Walk(self.leg, part_of(self, Regimes), tuned_reset=self.ranger_reset)
 
     @property
@@ -155,7 +155,7 @@ def observe(walkers: NDArray[Any]) -> NDArray[np.float32]:
 
 
 @compiled
-def judge(
+def step_reward(
     signed: Floats, columns: NDArray[np.int64], floors: Floats, duration: Floats, fallen: Flags,
     elapsed: NDArray[np.int64], rules: NDArray[Any],
 ) -> tuple[Floats, Flags, Flags, Floats]:  # fmt: skip
@@ -201,9 +201,9 @@ class _HeelStrikeTask(BatchTask):
     def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, HeelStrikeSettings)
         model = HeelStrikeModel(self.settings.leg)
-        truth = read_truth(reality, model, self.channels, batch, model.leg.step)
+        truth = configure_model(reality, model, self.channels, batch, model.leg.step)
         self.reality, self.stock = truth.reality, truth.stock
-        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
+        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers)
         walk = self.settings.walk
         self.strides = Strides(
             batch,
@@ -281,7 +281,7 @@ class _HeelStrikeTask(BatchTask):
         """Take every walker through one stride."""
         gains = self.gains(actions)
         result = self.strides.advance(gains, traces=self._tracing)
-        reward, fallen, truncated, numbers = judge(
+        reward, fallen, truncated, numbers = step_reward(
             result.signed_mm, self._columns, result.floor_mm, result.duration, result.fallen, self.elapsed,
             self._rules,
         )  # fmt: skip

@@ -18,9 +18,9 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.info import Info
-from fieldgym.randomisation import Drawn
+from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import read_truth
+from fieldgym.stock import configure_model
 from fieldmodels.compiled import compiled
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.line_following.body import Friction, Hardware, MotorTorque
@@ -123,7 +123,7 @@ PRIVILEGED = tuple(
 
 
 @compiled
-def judge(
+def step_reward(
     walks: NDArray[Any], elapsed: NDArray[np.int64], tallies: Floats, rules: NDArray[Any]
 ) -> tuple[Floats, Flags, Flags, Floats]:
     """Reward the stride that every walk has just made, and keep the scores of its episode.
@@ -211,9 +211,9 @@ class _LineFollowingTask(BatchTask):
         self.settings, samplers = read_random_settings(settings, LineFollowingSettings)
         scene = self.settings.scene(self.pixels)
         model = LineFollowing(scene.gait, scene.camera)
-        truth = read_truth(reality, model, self.channels, batch, scene.gait.stride_time)
+        truth = configure_model(reality, model, self.channels, batch, scene.gait.stride_time)
         self.reality, self.stock = truth.reality, truth.stock
-        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
+        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers)
         self._track = scene.track
         self._bends = scene.track.bends, scene.track.spacing, scene.track.closed
         self._look_ahead, self._stride = scene.camera.look_ahead, scene.gait.stride
@@ -280,7 +280,9 @@ class _LineFollowingTask(BatchTask):
     def step(self, actions: NDArray[Any]) -> Outcome:
         """Take every walk through one stride."""
         self.walks.advance(actions[:, 0] * self._rules["limit"])
-        reward, failed, truncated, numbers = judge(self.walks.walks, self.elapsed, self._tallies, self._rules)
+        reward, failed, truncated, numbers = step_reward(
+            self.walks.walks, self.elapsed, self._tallies, self._rules
+        )
         if self._drawing:
             for i in range(len(self.elapsed)):
                 self._trail(i)

@@ -28,9 +28,9 @@ from fieldgym.base import (
     VectorStep,
 )
 from fieldgym.info import Info, complete
-from fieldgym.randomisation import Drawn
+from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import read_truth
+from fieldgym.stock import configure_model
 from fieldmodels.machines.pose_reaching.batch import CHANNELS, Robots, Rules, Tick
 from fieldmodels.machines.pose_reaching.dubins import dubins_path
 from fieldmodels.machines.pose_reaching.kernel import NUMBERS
@@ -60,9 +60,9 @@ class _PoseReachingTask(BatchTask):
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, PoseReachingSettings)
         model = PoseReaching()
-        truth = read_truth(reality, model, self.channels, batch, self.settings.tick)
+        truth = configure_model(reality, model, self.channels, batch, self.settings.tick)
         self.reality, self.stock = truth.reality, truth.stock
-        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers)
+        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers)
         self.robots = Robots(batch, self.settings, truth.typical, possible=truth.extremes, stock=truth.stock)
         self.metadata = {"render_fps": max(1, round(1 / self.settings.tick))}  # films run in real time
         self._tick: Tick | None = None

@@ -18,7 +18,7 @@ from fieldmodels.settings import declared
 Floats = NDArray[np.float64]
 
 
-class Drawn:
+class EpisodeParameters:
     """What is drawn for each row of a batch, and what has been.
 
     Attributes:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from fieldmodels.drivers.named import flown, stepped, with_named
+from fieldmodels.drivers.named import apply_reality, stepped, with_named
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.model import Model
 from fieldmodels.reality import Reality
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Truth:
+class ConfiguredModel:
     """A task's model in a reality.
 
     Attributes:
@@ -37,7 +37,9 @@ class Truth:
         return with_named(model, self.reality.effects)
 
 
-def read_truth(source: Any, model: Model, channels: Channels, batch: int, step: float) -> Truth:
+def configure_model(
+    source: Any, model: Model, channels: Channels, batch: int, step: float
+) -> ConfiguredModel:
     """Read what a user hands in as ``reality=``.
 
     Args:
@@ -51,9 +53,9 @@ def read_truth(source: Any, model: Model, channels: Channels, batch: int, step: 
     Raises:
         ModelError: As ``read_reality``; also for a stock effect that cannot act in the task.
     """
-    around, reality = flown(model, source, channels)
+    around, reality = apply_reality(model, source, channels)
     own = len(model.names)
-    return Truth(
+    return ConfiguredModel(
         model=around,
         reality=reality,
         typical=reality.typical(around)[:own],

@@ -1,4 +1,4 @@
-"""What a task declares on this floor."""
+"""What a task declares of its environment."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ def wrapped(env: Any, wrappers: Sequence[Wrap]) -> Any:
 
 @dataclass(frozen=True)
 class Task:
-    """A task as the floor above sees it; where nothing is said, everything goes by its name.
+    """A task as the layer above sees it; where nothing is said, everything goes by its name.
 
     Attributes:
-        name: Its name on every floor (physics, environment, agents, configs, tests).
+        name: Its name in every layer (physics, environment, agents, configs, tests).
         title: Title for people.
         description: What is to be done, in one line.
         version: Of the environment; a change of behaviour gives the next.
         module: Module of this package that holds its environments; by default the task's own name.
         settings_name: Name of the class of its settings in that module.
-        model: Name of its model on the ground floor; by default the task's own name.
+        model: Name of its model in `fieldmodels`; by default the task's own name.
         reward_threshold: Mean return of the reference agent in the environment as it is registered, over the
             published test seeds: from there on the task counts as solved.
         operator: Whether a human operator can take over, as in the source.

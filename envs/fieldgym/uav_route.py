@@ -28,9 +28,9 @@ from fieldgym.base import (
     VectorStep,
 )
 from fieldgym.info import Info, complete
-from fieldgym.randomisation import Drawn
+from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import read_truth
+from fieldgym.stock import configure_model
 from fieldmodels.compiled import compiled
 from fieldmodels.machines.uav_route.batch import (
     CHANNELS,
@@ -139,7 +139,7 @@ class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
 
     @property
     def world(self) -> World:
-        """Aircraft, detection, lock loss and reading, as the ground floor takes them."""
+        """Aircraft, detection, lock loss and reading, as `fieldmodels` takes them."""
         return World(
             aircraft=part_of(self, Aircraft),
             detection=part_of(self, Detection),
@@ -149,7 +149,7 @@ class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
 
     @property
     def rules(self) -> tuple[Rules, ...]:
-        """The rules of each aircraft as the ground floor takes them.
+        """The rules of each aircraft as `fieldmodels` takes them.
 
         Raises:
             ModelError: If the legs' limits or the layout are not possible.
@@ -216,13 +216,13 @@ class _UavRouteTask(BatchTask):
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, UavRouteSettings)
         rules, model = self.settings.rules, model_of(self.settings)
-        truth = read_truth(reality, model, self.channels, batch, 0.0)
+        truth = configure_model(reality, model, self.channels, batch, 0.0)
         self.reality, self.stock = truth.reality, truth.stock
 
         def around(own: UavRouteSettings) -> Model:
             return truth.around(model_of(own))
 
-        self.drawn = Drawn(batch, truth.model, self.reality, self.settings, samplers, around)
+        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers, around)
         self._model = model
         for extreme in self.drawn.extremes():
             ends = self.reality.extremes(around(extreme))

@@ -37,7 +37,7 @@ PRINTED_COUNTS = {"binaries (source)": 15363, "linear (source)": 72, "constraint
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnPlan:
     """A plan in a figure.
 
     Attributes:
@@ -65,12 +65,12 @@ def figures_4_4_to_4_6(
         progress("planning", i / 4)
         world = World(detection=Detection(threshold=threshold))
         figure = "4.4" if threshold == 0.5 else "4.5"
-        drawn.append(Drawn(figure, threshold, printed_plan(EXAMPLE, world, form, work=work)))
-        drawn.append(Drawn(figure, threshold, leg_plan(EXAMPLE, world, work=work)))
+        drawn.append(DrawnPlan(figure, threshold, printed_plan(EXAMPLE, world, form, work=work)))
+        drawn.append(DrawnPlan(figure, threshold, leg_plan(EXAMPLE, world, work=work)))
     progress("planning", 3 / 4)
     lock_loss = replace(form, lock_loss=4)
-    drawn.append(Drawn("4.6", 0.5, printed_plan(EXAMPLE, form=lock_loss, work=work)))
-    drawn.append(Drawn("4.6", 0.5, lattice_plan(EXAMPLE, lock_loss=True)))
+    drawn.append(DrawnPlan("4.6", 0.5, printed_plan(EXAMPLE, form=lock_loss, work=work)))
+    drawn.append(DrawnPlan("4.6", 0.5, lattice_plan(EXAMPLE, lock_loss=True)))
     rows = [_row(s) for s in drawn]
     rows[0] |= PRINTED_COUNTS
     return Reproduction(
@@ -92,7 +92,7 @@ def figures_4_4_to_4_6(
     )
 
 
-def _statistics(drawn: list[Drawn]) -> dict[str, Statistic]:
+def _statistics(drawn: list[DrawnPlan]) -> dict[str, Statistic]:
     """What decides the claims: the printed program's plans, and undetected routes, at 0.5 and at 0.7."""
     printed, pardoned, legs, pardoned_lattice = drawn[0].plan, drawn[6].plan, drawn[1].plan, drawn[7].plan
     program = _counted((EXAMPLE,)), _counted((EXAMPLE, SECOND_UAV))
@@ -153,7 +153,7 @@ def equations_of_4_2(
     return Reproduction(source=SOURCE, table=table, statistics=numbers)
 
 
-def _row(drawn: Drawn) -> dict[str, object]:
+def _row(drawn: DrawnPlan) -> dict[str, object]:
     """A plan as a row of the table."""
     s, c = drawn.plan.search, drawn.plan.verification
     row: dict[str, object] = {
@@ -179,7 +179,7 @@ def _row(drawn: Drawn) -> dict[str, object]:
     return row
 
 
-def _figure(drawn: list[Drawn], title: str) -> Figure:
+def _figure(drawn: list[DrawnPlan], title: str) -> Figure:
     """Paths and the circles in which the side is seen, in the source's unequal axes."""
     from matplotlib.figure import Figure
 

@@ -53,7 +53,7 @@ class Parameter:
         starts: Initial values tried by a fit (several where the cost has local minima).
         smooth: False where outputs are not differentiable in it (a quantisation step, a jump's time).
         refitted: False for one that is known (a wheel's radius, a curve's range): a diagnosis keeps it.
-        twins: Simpler effects that its owner equals at its lower and at its upper bound; empty for none.
+        reduces_to: Simpler effects that its owner equals at its lower and at its upper bound; empty for none.
         knot: True for a value of a curve or table, which is a function already.
     """
 
@@ -67,7 +67,7 @@ class Parameter:
     starts: tuple[float, ...] = ()
     smooth: bool = True
     refitted: bool = True
-    twins: tuple[str, str] = ("", "")
+    reduces_to: tuple[str, str] = ("", "")
     knot: bool = False
 
     def __post_init__(self) -> None:
@@ -144,7 +144,7 @@ class Effect:
 
 
 @dataclass(frozen=True)
-class Combination:
+class ForceDirection:
     """A weighted sum that has a name of its own.
 
     Attributes:
@@ -244,12 +244,12 @@ class Model(ABC):
     effects: tuple[Effect, ...]
     horizons: tuple[float, ...]
     disturbance_unit: str = ""
-    directions: tuple[Combination, ...] = ()
-    staged: tuple[Combination, ...] = ()
+    directions: tuple[ForceDirection, ...] = ()
+    staged: tuple[ForceDirection, ...] = ()
     unmeasured: tuple[Signal, ...] = ()
     rates: Mapping[str, str] = MappingProxyType({})
     lasting: float = 0.0
-    sums: tuple[Combination, ...] = ()
+    sums: tuple[ForceDirection, ...] = ()
     random_force: bool = False
     noisy_inputs: bool = False
     resolution: float | tuple[float, ...] = 1.3e-5
@@ -374,9 +374,9 @@ class Model(ABC):
         return (Stage(self, tuple(effect.name for effect in self.effects)),)
 
     @property
-    def pushes(self) -> tuple[Combination, ...]:
+    def pushes(self) -> tuple[ForceDirection, ...]:
         """Every direction in which something unlisted may act; the only one has no name."""
-        return self.directions or (Combination("", self.disturbance_unit, (1.0,)),)
+        return self.directions or (ForceDirection("", self.disturbance_unit, (1.0,)),)
 
     @property
     def signals(self) -> tuple[Signal, ...]:

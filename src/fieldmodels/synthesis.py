@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.declaration import params_of
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model, ModelError, Signal
 from fieldmodels.names import did_you_mean
@@ -150,7 +150,7 @@ def synthesise(
     """
     model = get_model(model)
     commands = _commands(model, inputs, duration, step, amplitude, episodes, rng)
-    model, truth = flown(model, reality)
+    model, truth = apply_reality(model, reality)
     clean, quantum = _without_quantisation(truth)
     count = len(commands[0])
     fine = step / refine

@@ -8,11 +8,11 @@ pytest.importorskip("sb3_contrib")
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.agents import make_agent
 from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.learned.conditioning import Conditioning
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.telling import Telling
 from fieldagents.learned.training import train
+from fieldagents.policies.conditioned import simulated
 from fieldagents.policies.policy import OnnxAgent
-from fieldagents.policies.told import simulated
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.heel_strike.recorded import RecordedWalks
 from fieldgym import find_task
@@ -91,16 +91,18 @@ def test_walks_of_a_random_reality_are_those_of_its_environments():
 def test_its_policies_are_told_what_their_validation_tells(tmp_path):
     settings = {"strides": 20}
     config = tiny(
-        told=True, environment={"settings": settings, "reality": FAULTS}, validation={"episodes": 4}
+        conditioned=True, environment={"settings": settings, "reality": FAULTS}, validation={"episodes": 4}
     )
     run = train(config.model_copy(update={"steps": 320}), progress=False, out=tmp_path / "run")
     policy = OnnxAgent(run / "policy.onnx")
-    assert [one.effect for one in policy.told] == ["viscous_friction", "gyro_bias"]
-    native = Telling(find_task("heel_strike").make_vec(3, settings=settings, reality=FAULTS), policy.told)
+    assert [one.effect for one in policy.conditions] == ["viscous_friction", "gyro_bias"]
+    native = Conditioning(
+        find_task("heel_strike").make_vec(3, settings=settings, reality=FAULTS), policy.conditions
+    )
     reality = read_reality(FAULTS, get_model("heel_strike"))
     recorded = RecordedWalks(native.unwrapped.settings, reality, range(7, 10))
     observation, _ = native.reset(seed=[7, 8, 9])
-    np.testing.assert_array_equal(simulated(policy.told, recorded.drawn), observation[:, 6:])
+    np.testing.assert_array_equal(simulated(policy.conditions, recorded.drawn), observation[:, 6:])
 
 
 def tiny(**more):

@@ -9,11 +9,11 @@ pytest.importorskip("stable_baselines3")
 
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.learned.conditioning import Conditioning, Diagnosed, conditions_in
 from fieldagents.learned.config import VALIDATION_SEEDS, TrainConfig
-from fieldagents.learned.telling import Diagnosed, Telling, told_in
 from fieldagents.learned.training import train
+from fieldagents.policies.conditioned import simulated
 from fieldagents.policies.policy import OnnxAgent
-from fieldagents.policies.told import simulated
 from fieldgym import find_task
 from fieldgym.info import part
 
@@ -76,8 +76,8 @@ def turned_by_hand(told, numbers, bearing):
 
 
 def test_training_tells_vectors_ahead_and_to_the_right_of_the_radar_at_every_step():
-    told = told_in(TrainConfig(**CONFIG))
-    env = Telling(find_task(TASK).make_vec(6, settings=SETTINGS, reality=REALITY), told)
+    told = conditions_in(TrainConfig(**CONFIG))
+    env = Conditioning(find_task(TASK).make_vec(6, settings=SETTINGS, reality=REALITY), told)
     observation, info = env.reset(seed=3)
     rng, courses = np.random.default_rng(0), []
     for _ in range(12):  # beyond the end of the first episodes
@@ -93,14 +93,14 @@ def test_training_tells_vectors_ahead_and_to_the_right_of_the_radar_at_every_ste
 
 def test_a_policys_file_is_given_the_same_turned_by_the_info_of_its_right(run):
     policy = OnnxAgent(run / "policy.onnx")
-    policy.tell(FOUND)
+    policy.condition(FOUND)
     alone = onnxruntime.InferenceSession(run / "policy.onnx")
     envs = find_task(TASK).make_vec(5, settings=SETTINGS, reality={"wind": {"north": 9.0}})
     observation, info = envs.reset(seed=1)
     for _ in range(3):
         action = policy.act(observation, {"radial": info["radial"]})
         numbers = np.repeat(policy.diagnosis[None], 5, axis=0)
-        diagnosis = turned_by_hand(policy.told, numbers, ahead(info)).astype(np.float32)
+        diagnosis = turned_by_hand(policy.conditions, numbers, ahead(info)).astype(np.float32)
         (expected,) = alone.run(None, {"observation": observation, "diagnosis": diagnosis})
         np.testing.assert_allclose(action, expected, atol=1e-5)
         (unturned,) = alone.run(None, {"observation": observation, "diagnosis": numbers})
@@ -134,7 +134,7 @@ def test_on_a_turned_map_with_turned_faults_a_told_policy_flies_the_same_way(run
         }
         hidden = {effect: {side: one["value"] for side, one in own.items()} for effect, own in found.items()}
         policy = OnnxAgent(run / "policy.onnx")
-        policy.tell(found)
+        policy.condition(found)
         place = EnvironmentConfig(settings={**SETTINGS, "layout": layout}, reality=hidden)
         return run_episodes(policy, TASK, place, range(1)).iloc[0]
 

@@ -261,7 +261,7 @@ def test_mistakes_are_told_at_once_before_any_work(tmp_path):
     with pytest.raises(ConfigError, match="did you mean 'gated_tuned'"):
         load_config(path, RetuneConfig)
     path.write_text("name: x\ntask: heel_strike\nagent: gated_tuned\n")
-    with pytest.raises(ConfigError, match="needs --model heel_strike, and --model names pendulum"):
+    with pytest.raises(ConfigError, match="needs --machine heel_strike, and --machine names pendulum"):
         load_loop(path, get_model("pendulum"))
     path.write_text("name: x\ntask: pose_reaching\nagent: own_data_practised\nmetric: time\n")
     with pytest.raises(ConfigError, match="no value in some episodes"):
@@ -278,7 +278,7 @@ def test_diagnosis_and_loop_in_one_command(tmp_path):
         "hidden: {camera_yaw: {angle: 0.1}}\nepisodes: 20\n"
     )
     data, out = tmp_path / "weak_turns.csv", tmp_path / "out"
-    text = run("diagnose", data, "--model", "line_following", "--then-retune", loop, "--out", out, "--json")
+    text = run("diagnose", data, "--machine", "line_following", "--then-retune", loop, "--out", out, "--json")
     said = json.loads(text)
     assert [cause["effect"] for cause in said["causes"]] == ["camera_yaw"]
     assert said["retune"]["recovered"]["outcome"] == "measured"

@@ -8,8 +8,8 @@ import pytest
 
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.learned.conditioning import as_trained
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.telling import as_trained
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.policies.zoo import ZooError, get_entry, list_zoo, load
 from fieldagents.seeds import TEST_SEEDS

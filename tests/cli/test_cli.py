@@ -17,7 +17,7 @@ from typer.testing import CliRunner, Result
 
 from fieldagents import checkout
 from fieldagents.cli import app
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.recording.files import load_recording
 from fieldmodels.registry import get_model
 
@@ -57,8 +57,8 @@ def mistake(*arguments: object) -> str:
 @pytest.mark.every(
     ("line", "offered"),
     [
-        ("diagnose log.csv --model pen", {"pendulum"}),
-        ("export a.yaml b.py --model serv", {"servo"}),
+        ("diagnose log.csv --machine pen", {"pendulum"}),
+        ("export a.yaml b.py --machine serv", {"servo"}),
         ("exam --machine pen", {"pendulum"}),
         ("watch heel", {"heel_strike"}),
         ("watch heel_strike --agent ranger_", {"ranger_tuned"}),
@@ -215,7 +215,7 @@ def test_recorded_flights_are_diagnosed(tmp_path):
         0.6, abs=0.01
     )  # a scan every 5 s, a row every 2 s
     out = tmp_path / "found"
-    result = run("diagnose", tmp_path / "seen_too_well.csv", "--model", "uav_route", "--out", out)
+    result = run("diagnose", tmp_path / "seen_too_well.csv", "--machine", "uav_route", "--out", out)
     assert result.exit_code == 0, result.output
     causes = json.loads((out / "diagnosis.json").read_text())["causes"]
     found = [{cause["effect"], *cause["alternatives"]} for cause in causes]
@@ -262,7 +262,7 @@ def test_keys_that_do_not_fit_a_model_are_refused(tmp_path):
         ("pose_reaching", "--set=walk={}"),
     ):
         text = mistake("record", CONFIGS / task / "record.yaml", key, "--out", tmp_path)
-        assert f"model '{task}' does not take this key" in text
+        assert f"machine '{task}' does not take this key" in text
 
 
 @pytest.mark.every("path", sorted(CONFIGS.glob("*/record*.yaml")))
@@ -356,7 +356,7 @@ def test_mistakes_in_an_evaluation_are_named_before_any_work(tmp_path, changes, 
     [
         ("model=rigg", "no model 'rigg' (did you mean 'rig'?)"),
         ("reality.coulomb_friction.force=-1", "reality.coulomb_friction.force: "),
-        ("walk.regimes=true", "walk: model 'rig' does not take this key"),
+        ("walk.regimes=true", "walk: machine 'rig' does not take this key"),
         ("duration=0", "duration: Input should be greater than 0"),
         ("duration=0.001", "record for longer"),
         ("name=../up", "name: "),
@@ -398,7 +398,7 @@ def test_a_mistake_in_a_process_of_its_own_has_no_traceback(tmp_path):
 def test_problems_of_a_file_are_counted_once(tmp_path):
     path = tmp_path / "bench.csv"
     path.write_text("t,force,position\n0,a,0\n0.01,b,0\n")
-    text = mistake("diagnose", path, "--model", "rig")
+    text = mistake("diagnose", path, "--machine", "rig")
     assert text.startswith(f"Error: {path}: 2 problems\n")
     assert "mistakes" not in text
 
@@ -406,9 +406,9 @@ def test_problems_of_a_file_are_counted_once(tmp_path):
 @pytest.mark.every(
     ("arguments", "messages"),
     [
-        (["--model", "rigg"], ["no model 'rigg' (did you mean 'rig'?)"]),
+        (["--machine", "rigg"], ["no model 'rigg' (did you mean 'rig'?)"]),
         (
-            ["--model", "rig", "--set", "mas=1", "--set", "mass=heavy", "--set", "mass=-1"],
+            ["--machine", "rig", "--set", "mas=1", "--set", "mass=heavy", "--set", "mass=-1"],
             [
                 "--set mas=1: rig has no base parameter 'mas' (did you mean 'mass'?)",
                 "--set mass=heavy: write --set mass=NUMBER",
@@ -416,13 +416,13 @@ def test_problems_of_a_file_are_counted_once(tmp_path):
             ],
         ),
         (
-            ["--model", "rig", "--column", "positon=x", "--column", "force"],
+            ["--machine", "rig", "--column", "positon=x", "--column", "force"],
             [
                 "--column positon=x: rig has no signal 'positon' (did you mean 'position'?)",
                 "--column force: write --column signal=column",
             ],
         ),
-        (["--model", "rig"], ["nowhere.csv"]),
+        (["--machine", "rig"], ["nowhere.csv"]),
     ],
 )
 def test_mistakes_in_a_diagnosis(tmp_path, arguments, messages):
@@ -442,7 +442,7 @@ def test_diagnose_reads_what_record_wrote_and_finds_what_it_hid(rig_config, tmp_
         tmp_path / "1" / "rig.csv",
         "--test",
         tmp_path / "2" / "rig.csv",
-        "--model",
+        "--machine",
         "rig",
         "--out",
         tmp_path / "out",
@@ -501,7 +501,7 @@ def test_stock_effects_are_recorded_and_flown_from_a_file(tmp_path):
     extended = tmp_path / "lazy.reality.yaml"
     walk = load_recording(tmp_path / "lazy.csv")
     nominal = get_model("line_following")
-    model, truth = flown(nominal, extended)
+    model, truth = apply_reality(nominal, extended)
     windows = nominal.windows(walk, nominal.horizons[0])
     measured = windows.measured([s.name for s in nominal.outputs])
 

@@ -33,7 +33,7 @@ def options() -> set[tuple[str, str]]:
         for name, command in group.commands.items()
         for parameter in command.params
         for option in parameter.opts
-        if option.startswith("--") and option not in ("--help", "--json")
+        if option.startswith("--") and option not in ("--help", "--json", "--model")  # --machine in 0.1
     }
 
 

@@ -60,7 +60,7 @@ def test_the_page_s_machine_fits_in_a_dozen_lines_and_finds_what_is_hidden(tmp_p
     assert found["verdict"] == "named"
     assert [cause["effect"] for cause in found["causes"]] == ["actuator_dead_zone"]
     assert found["causes"][0]["parameters"]["width"]["value"] == pytest.approx(1.0, abs=0.02)
-    extended = ["record", "motor.yaml", "--set", "model=motor.py", "--set"]
+    extended = ["record", "motor.yaml", "--set", "machine=motor.py", "--set"]
     assert CliRunner().invoke(app, [*extended, "reality=results/motor/extended.yaml"]).exit_code == 0
 
 
@@ -100,7 +100,7 @@ def test_the_page_s_machine_of_two_states_finds_the_friction_of_an_axis(tmp_path
     monkeypatch.setattr(Logs, "read", slowly)
     monkeypatch.setattr("fieldagents.cli.perf_counter", lambda: clock[0])
     result = CliRunner().invoke(
-        app, ["diagnose", "1.csv", "--model", "axis.py", "--test", "2.csv", "--out", "out", "--json"]
+        app, ["diagnose", "1.csv", "--machine", "axis.py", "--test", "2.csv", "--out", "out", "--json"]
     )
     assert result.exit_code == 0, result.output
     found = json.loads(Path("out/diagnosis.json").read_text())
@@ -141,7 +141,7 @@ def test_the_page_s_wall_is_found_with_its_size(tmp_path, monkeypatch, window):
         rows = zip(*columns.values(), strict=True)
         lines = [",".join(columns), *(",".join(f"{cell:.7g}" for cell in row) for row in rows)]
         Path(f"{seed}.csv").write_text("\n".join(lines))
-    logs = ["diagnose", "1.csv", "--model", "chamber.py", "--test", "2.csv", "--out", "out"]
+    logs = ["diagnose", "1.csv", "--machine", "chamber.py", "--test", "2.csv", "--out", "out"]
     result = CliRunner().invoke(app, [*logs, "--json", *window])
     assert result.exit_code == 0, result.output
     found = json.loads(Path("out/diagnosis.json").read_text())
@@ -190,9 +190,9 @@ def test_a_file_runs_only_if_the_command_line_names_it(tmp_path, monkeypatch):
     (tmp_path / "motor.yaml").write_text("{name: motor, model: motor.py, reality: {a: {b: 1}}, duration: 9}")
     result = CliRunner().invoke(app, ["record", "motor.yaml"])
     assert result.exit_code == 2
-    assert "a Python file is run only if the command line names it: --set model=motor.py" in result.stderr
+    assert "a Python file is run only if the command line names it: --set machine=motor.py" in result.stderr
     assert "it ran" not in result.stderr
-    result = CliRunner().invoke(app, ["record", "motor.yaml", "--set", "model=motor.py"])
+    result = CliRunner().invoke(app, ["record", "motor.yaml", "--set", "machine=motor.py"])
     assert result.exit_code == 2
     assert "motor.py:1: SystemExit: it ran" in result.stderr
 
@@ -358,7 +358,7 @@ def test_a_slow_machine_needs_no_horizons(tmp_path, rng, step):
         warm += step * (0.02 * heat - 0.05 * (warm - 20.0))
     (tmp_path / "log.csv").write_text("\n".join(rows))
     path = written(tmp_path, HOT_PLATE)
-    asked = ["diagnose", str(tmp_path / "log.csv"), "--model", str(path), "--dry-run", "--json"]
+    asked = ["diagnose", str(tmp_path / "log.csv"), "--machine", str(path), "--dry-run", "--json"]
     found = CliRunner().invoke(app, asked)
     assert found.exit_code == 0, found.output
     said = re.search(r"([\d.]+) windows of ([\d.]+) s", found.stdout)
@@ -401,7 +401,7 @@ def test_a_generated_simulation_may_differ_by_its_steps_alone(tmp_path, monkeypa
 
 def test_list_shows_a_model_of_one_s_own(tmp_path):
     path = written(tmp_path, MOTOR)
-    (model,) = json.loads(CliRunner().invoke(app, ["list", str(path), "--json"]).stdout)["models"]
+    (model,) = json.loads(CliRunner().invoke(app, ["list", str(path), "--json"]).stdout)["machines"]
     assert [p["name"] for p in model["parameters"]] == ["gain", "time_constant"]
     assert [s["name"] for s in (*model["inputs"], *model["outputs"])] == ["voltage", "speed"]
     assert "coulomb_friction" in {e["name"] for e in model["effects"]}
@@ -422,7 +422,7 @@ def test_the_command_line_tries_a_model_before_it_is_fitted(tmp_path):
     path = written(tmp_path, changed("return result\n", "return result[..., 0]\n"))
     log = tmp_path / "log.csv"
     log.write_text("t,voltage,speed\n" + "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(400)))
-    result = CliRunner().invoke(app, ["diagnose", str(log), "--model", str(path)])
+    result = CliRunner().invoke(app, ["diagnose", str(log), "--machine", str(path)])
     assert result.exit_code == 2
     assert "motor.py: simulate returned shape" in result.stderr
 
@@ -436,7 +436,7 @@ def test_what_is_odd_about_a_log_is_said_in_the_terminal_and_in_the_report(tmp_p
     header, *rows = (tmp_path / "rig.csv").read_text().splitlines()
     del rows[300]
     (tmp_path / "rig.csv").write_text("\n".join([header, *rows]))
-    asked = ["diagnose", str(tmp_path / "rig.csv"), "--model", "rig", "--out", str(tmp_path)]
+    asked = ["diagnose", str(tmp_path / "rig.csv"), "--machine", "rig", "--out", str(tmp_path)]
     result = CliRunner().invoke(app, [*asked, "--column", "position=position:mm"])
     assert result.exit_code == 0, result.output
     said = (

@@ -322,13 +322,13 @@ def test_the_demo_fetches_what_is_real(public_data, tmp_path, monkeypatch):
         known = get_dataset(name)
         here = replace(known, url=f"http://127.0.0.1:{server.server_port}/{known.file}")
         monkeypatch.setitem(datasets(), name, here)
-    assert demo.find_bench(get_model("pendulum")).real
+    assert demo.find_recordings(get_model("pendulum")).real
     server.shutdown()
-    assert demo.find_bench(get_model("pendulum")).real  # from the cache
+    assert demo.find_recordings(get_model("pendulum")).real  # from the cache
 
 
 def test_demo_takes_real_data_where_there_are_some(public_data):
-    bench = demo.find_bench(get_model("pendulum"))
+    bench = demo.find_recordings(get_model("pendulum"))
     assert bench.real
     assert "DFKI" in bench.about
     assert len(bench.train) == 3000

@@ -10,7 +10,7 @@ import pytest
 from fieldgym.bench import as_env
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.report import write_results
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.machine import held_inputs
 from fieldmodels.model import ModelError
 from fieldmodels.registry import get_model
@@ -36,7 +36,7 @@ def test_a_recording_of_the_extended_simulation_is_its_free_run(tmp_path: Path):
     ]
     found = diagnose(interpolated, logs[:1], logs[1:])
     path = write_results(found, tmp_path, drawn={})["extended.yaml"]
-    model, reality = flown(get_model("rig"), path)
+    model, reality = apply_reality(get_model("rig"), path)
     assert (reality.hold, model.hold) == ("interpolated", "interpolated")
     again = synthesise(
         get_model("rig"),
@@ -63,4 +63,4 @@ def test_another_hold_is_refused(tmp_path: Path):
     path = tmp_path / "extended.yaml"
     path.write_text("model: rig\neffects: {}\nhold: linear\n")
     with pytest.raises(ModelError, match="'hold' must be 'held' or 'interpolated'"):
-        flown(get_model("rig"), path)
+        apply_reality(get_model("rig"), path)

@@ -280,5 +280,5 @@ def test_a_force_in_one_direction_is_added_to_forces_in_several():
     given, turn = np.tile([0.1, 0.5, 0.2, 0.03, -0.05], (n, 1)), np.linspace(0.0, 1.0, n)
     expected = given + np.multiply.outer(turn, [1.0, 0.0, 0.0, 0.0, 0.0])
     for first, more in ((given, turn), (turn, given)):
-        np.testing.assert_array_equal(windows.with_disturbance(first).pushed_more(more).pushed(5), expected)
-    np.testing.assert_array_equal(windows.pushed_more(turn).pushed_more(turn).disturbance, 2.0 * turn)
+        np.testing.assert_array_equal(windows.with_disturbance(first).with_force(more).pushed(5), expected)
+    np.testing.assert_array_equal(windows.with_force(turn).with_force(turn).disturbance, 2.0 * turn)

@@ -6,7 +6,7 @@ import pytest
 
 import fieldgym
 from fieldmodels.diagnosis.procedure import diagnose
-from fieldmodels.drivers.around import surrounded
+from fieldmodels.drivers.around import with_effects
 from fieldmodels.drivers.named import stock_of
 from fieldmodels.machines.line_following.recording import record_walk
 from fieldmodels.registry import get_model
@@ -25,7 +25,7 @@ SOUGHT = ("steering_lag", "steering_dead_zone", "line_bend", "line_drift", "stri
 )
 def test_a_hidden_effect_is_found_and_flown(effect, parameter, value, tmp_path):
     nominal = get_model("line_following")
-    model = surrounded(nominal, *(stock_of(nominal)[name] for name in SOUGHT))
+    model = with_effects(nominal, *(stock_of(nominal)[name] for name in SOUGHT))
     hidden = {effect: {parameter: value}}
     train, test = (record_walk(hidden, 500, rng=np.random.default_rng(seed)) for seed in (1, 2))
     found = diagnose(model, [train], [test])

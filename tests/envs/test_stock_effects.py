@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import fieldgym
-from fieldmodels.drivers.named import flown, stepped
+from fieldmodels.drivers.named import apply_reality, stepped
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.recording import record_experiment
 from fieldmodels.machines.excitation.shaker import CHANNELS as SHAKER_CHANNELS
@@ -134,7 +134,7 @@ def test_the_model_with_the_same_effects_predicts_a_recorded_walk(name):
     plain = LineFollowing()
     quiet = Scene(straight(200.0), noise=Noise(0.0, 0.0, 0.0, 0.0))
     recording = record_walk(WALKED[name], 150, scene=quiet, noise=0.0, rng=np.random.default_rng(2))
-    model, truth = flown(plain, WALKED[name])
+    model, truth = apply_reality(plain, WALKED[name])
     windows = plain.windows(recording, plain.horizons[1])
     measured = windows.measured(tuple(s.name for s in plain.outputs))
     error = np.nanmax(np.abs(model.simulate(truth.vector(model)[None], windows)[0] - measured))
@@ -146,7 +146,7 @@ def test_a_parameter_that_jumps_between_windows_is_predicted():
     plain, reality = LineFollowing(), {"stride_step": {"time": 60 * STRIDE, "change": -0.2}}
     quiet = Scene(straight(200.0), noise=Noise(0.0, 0.0, 0.0, 0.0))
     recording = record_walk(reality, 150, scene=quiet, noise=0.0, rng=np.random.default_rng(2))
-    model, truth = flown(plain, reality)
+    model, truth = apply_reality(plain, reality)
     windows = plain.windows(recording, 3 * STRIDE)
     assert 60 in windows.starts
     predicted = model.simulate(truth.vector(model)[None], windows)[0]
@@ -395,7 +395,7 @@ def test_the_model_with_the_same_effects_predicts_a_recorded_flight(name):
     """The recorder integrates with complex numbers, in small pieces, sample by sample."""
     plain = UavRoute()
     recording = record_flight(FLOWN[name], 3000.0, noise=0.0, scans=False, rng=np.random.default_rng(2))
-    model, truth = flown(plain, FLOWN[name])
+    model, truth = apply_reality(plain, FLOWN[name])
     windows = plain.windows(recording, plain.horizons[1])
     measured = windows.measured(tuple(s.name for s in plain.outputs))[..., :2]
     error = np.abs(model.simulate(truth.vector(model)[None], windows)[0][..., :2] - measured).max()
@@ -473,7 +473,7 @@ def test_the_model_with_the_same_effects_predicts_a_recorded_gait(name):
     plain = HeelStrikeModel()
     quiet = GaitNoise(gyro=0.0, collision=0.0, process=0.0, floor=0.0)
     recording = record_gyro(30.0, np.random.default_rng(0), quiet, reality)
-    model, truth = flown(plain, reality)
+    model, truth = apply_reality(plain, reality)
     windows = plain.windows(recording, plain.horizons[1])
     measured = windows.measured(tuple(s.name for s in plain.outputs))
 
@@ -566,7 +566,7 @@ def slowed(time, angle, time_constant):
 
 def arm_of(reality, actions):
     """f, f', f'' at the samples of an episode's decisions."""
-    model, truth = flown(ExcitationModel(), reality, SHAKER_CHANNELS)
+    model, truth = apply_reality(ExcitationModel(), reality, SHAKER_CHANNELS)
     own = truth.vector(model)[: len(ExcitationModel().names)]
     shakers = Shakers(1, vehicle=own, stock=stepped(model, truth, SHAKER_CHANNELS, 1, FINEST))
     shakers.restart([0], [np.random.default_rng(1)])
@@ -590,7 +590,7 @@ def test_the_model_with_the_same_effects_predicts_a_recorded_experiment(reality,
     """The recorder works on a grid eight times finer."""
     plain = ExcitationModel()
     recording = record_experiment(np.random.default_rng(1), reality, duration=4.0, noise=False)
-    model, truth = flown(plain, reality)
+    model, truth = apply_reality(plain, reality)
     windows = plain.windows(recording, plain.horizons[2])
     measured = windows.measured(tuple(s.name for s in plain.outputs))
 

@@ -15,7 +15,7 @@ from fieldmodels.diagnosis.outcome import Diagnosis
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.use import Simulation
 from fieldmodels.diagnosis.whole import WholeRecords
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.model import Model
 from fieldmodels.recording import Recording
 from fieldmodels.yaml import save_yaml
@@ -101,7 +101,7 @@ def deliver(model: Model, stated: Stated, third: Sequence[Recording]) -> Deliver
         with TemporaryDirectory() as folder:
             path = Path(folder) / "extended.yaml"
             save_yaml(stated.file, path)
-            around, reality = flown(model, path)
+            around, reality = apply_reality(model, path)
         own = _predicted(Simulation(around, reality.vector(around)), third, stated.horizons)
     except Exception as error:  # whatever a user would run into
         lost = dict.fromkeys(before, np.inf)

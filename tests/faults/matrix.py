@@ -38,7 +38,7 @@ TRAIN = {
 }  # fmt: skip
 COMMANDS = {
     "record": ["record", "{folder}/record.yaml"],
-    "diagnose": ["diagnose", "{folder}/log/log.csv", "--model", "rig"],
+    "diagnose": ["diagnose", "{folder}/log/log.csv", "--machine", "rig"],
     "evaluate": ["evaluate", "{folder}/evaluate.yaml"],
     "train": ["train", "{folder}/train.yaml"],
     "sweep": ["sweep", "{folder}/sweep.yaml", "--workers", "0"],

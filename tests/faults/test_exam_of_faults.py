@@ -94,7 +94,7 @@ def test_a_sensor_that_is_dead_in_some_of_many_records_is_said_of_each_and_nothi
         values = bench(np.random.default_rng(number), 200)
         values[:, 2] *= number not in (1, 4)
         paths.append(str(table(tmp_path / f"log{number}.csv", values)))
-    words = ["diagnose", *paths, "--model", "rig", "--out", str(tmp_path / "out"), "--json"]
+    words = ["diagnose", *paths, "--machine", "rig", "--out", str(tmp_path / "out"), "--json"]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     said = [line for line in done.stderr.splitlines() if "'position' never changes" in line]

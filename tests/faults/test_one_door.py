@@ -245,7 +245,7 @@ def test_a_model_that_turns_into_nan_has_no_verdict(tmp_path):
     rows = [f"{0.01 * i:.2f},{u:.4f},{w:.4f}" for i, (u, w) in enumerate(zip(voltage, speed, strict=True))]
     data.write_text("\n".join(["t,voltage,speed", *rows]))
     path = late_model(tmp_path, "result = result * np.nan", calls=60)
-    command = ["diagnose", str(data), "--model", str(path), "--out", str(tmp_path / "out"), "--json"]
+    command = ["diagnose", str(data), "--machine", str(path), "--out", str(tmp_path / "out"), "--json"]
     result = CliRunner().invoke(app, command)
     assert result.exit_code == 2, result.output
     assert "no value is finite" in result.output

@@ -58,12 +58,14 @@ def test_a_plan_counts_work_and_writes_nothing(command, tmp_path, monkeypatch):
 
 
 def test_a_diagnosis_says_what_its_data_can_tell(log, tmp_path):
-    done = run("diagnose", log, "--model", "rig", "--dry-run", "--out", tmp_path / "out")
+    done = run("diagnose", log, "--machine", "rig", "--dry-run", "--out", tmp_path / "out")
     assert done.exit_code == 0, done.output
     assert "600 rows" in done.stdout
     assert "can be told: mass, damping, stiffness" in done.stdout
     assert "absorb: payload, actuator_gain" in done.stdout  # a load is more mass, a gain scales all three
-    known = run("diagnose", log, "--model", "rig", "--set", "mass=1.2", "--set", "stiffness=30", "--dry-run")
+    known = run(
+        "diagnose", log, "--machine", "rig", "--set", "mass=1.2", "--set", "stiffness=30", "--dry-run"
+    )
     assert "actuator_gain" not in known.stdout
     assert not (tmp_path / "out").exists()
 

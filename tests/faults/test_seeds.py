@@ -45,7 +45,7 @@ def refused(words, folder):
 
 @pytest.mark.every("wrong", WRONG)
 def test_what_is_no_seed_is_refused_before_the_work(tmp_path, wrong):
-    refused(["diagnose", "log.csv", "--model", "rig", "--seed", wrong], tmp_path)
+    refused(["diagnose", "log.csv", "--machine", "rig", "--seed", wrong], tmp_path)
     refused([*WATCH, "--seed", wrong], tmp_path)
     refused([*OPTION["train"](tmp_path), "--seed", wrong], tmp_path)
     for command in KEY.values():

@@ -53,7 +53,7 @@ def log(tmp_path_factory):
 @pytest.mark.nightly
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_diagnosis_ends_on_request(log, tmp_path, number):
-    seconds, code, said = stopped(started(["diagnose", log, "--model", "rig"], tmp_path), number)
+    seconds, code, said = stopped(started(["diagnose", log, "--machine", "rig"], tmp_path), number)
     assert code == 130
     assert "Stopped" in said
     assert "Traceback" not in said
@@ -98,7 +98,7 @@ def test_ctrl_c_ends_every_task_s_commands_within_two_seconds(command, task, tmp
     if command == "diagnose":
         app(["record", f"{task}/record", "--out", str(tmp_path / "log")], standalone_mode=False)
         data = next(p for p in (tmp_path / "log").iterdir() if "reality" not in p.name)
-        words["diagnose"] = ["diagnose", data, "--model", task]
+        words["diagnose"] = ["diagnose", data, "--machine", task]
     process = started(words[command], tmp_path)
     try:
         seconds, code, said = stopped(process, signal.SIGINT, 3.0)
@@ -112,7 +112,7 @@ def test_ctrl_c_ends_every_task_s_commands_within_two_seconds(command, task, tmp
 
 @pytest.mark.nightly
 def test_a_killed_command_leaves_nothing_half_written(log, tmp_path):
-    process = started(["diagnose", log, "--model", "rig"], tmp_path)
+    process = started(["diagnose", log, "--machine", "rig"], tmp_path)
     stopped(process, signal.SIGKILL)
     kept = [path.name for path in (tmp_path / "out").rglob("*")]
     assert [name for name in kept if not name.startswith(".")] == []

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fieldmodels.drivers.around import surrounded
+from fieldmodels.drivers.around import with_effects
 from fieldmodels.effects import actuator, change, curve, force, sensor
 from fieldmodels.machine import Machine, number
 from fieldmodels.machines.heel_strike.parameters import Leg
@@ -59,7 +59,7 @@ class Plain(Model):
         return recording["speed"][starts][:, None]
 
 
-AROUND = surrounded(
+AROUND = with_effects(
     Plain(),
     actuator("voltage"),
     sensor("speed", without=("lag", "delay")),
@@ -156,7 +156,7 @@ def test_rows_of_different_effects_go_together():
 
 def test_around_the_machine_of_a_task():
     inner = get_model("heel_strike")
-    model = surrounded(
+    model = with_effects(
         inner, sensor("gyro", ("clipping",)), force("disturbance", ("constant_force",), prefix="outer_")
     )
     recording = record_walk(20.0, np.random.default_rng(3), leg=Leg(step=0.01))
@@ -176,10 +176,10 @@ def test_around_the_machine_of_a_task():
 
 def test_what_cannot_be_is_said():
     with pytest.raises(ModelError, match="needs a look inside"):
-        surrounded(Plain(), sensor("speed", ("lag",)))
+        with_effects(Plain(), sensor("speed", ("lag",)))
     with pytest.raises(ModelError, match="needs a look inside"):
-        surrounded(Plain(), curve("sensor", "speed", "voltage"))
+        with_effects(Plain(), curve("sensor", "speed", "voltage"))
     with pytest.raises(ModelError, match="no actuator signal 'current'"):
-        surrounded(Plain(), actuator("current"))
+        with_effects(Plain(), actuator("current"))
     with pytest.raises(ModelError, match="already"):
-        surrounded(get_model("heel_strike"), sensor("gyro", ("bias",), prefix="gyro_"))
+        with_effects(get_model("heel_strike"), sensor("gyro", ("bias",), prefix="gyro_"))

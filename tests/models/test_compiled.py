@@ -35,7 +35,7 @@ from fieldmodels.compiled import (
     inlined,
 )
 from fieldmodels.compiled.fingerprint import globals_read
-from fieldmodels.compiled.settled import _Settled
+from fieldmodels.compiled.memoising import _Settled
 
 LAB = {
     "__init__.py": "",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fieldmodels.drivers.around import Surrounded
-from fieldmodels.drivers.named import flown, stepped, with_named
+from fieldmodels.drivers.named import apply_reality, stepped, with_named
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.model import Model, ModelError, Parameter, Signal
 from fieldmodels.recording import Recording, Windows
@@ -40,7 +40,7 @@ CHANNELS = Channels(("left", "right"), ("first", "second"))
 
 
 def stepping(reality, batch=1):
-    model, read = flown(Plain(), reality, CHANNELS)
+    model, read = apply_reality(Plain(), reality, CHANNELS)
     made = stepped(model, read, CHANNELS, batch, STEP)
     made.begin(range(batch))
     return made
@@ -227,12 +227,12 @@ def test_steps_are_what_a_model_with_the_same_effects_predicts_of_a_recording():
     assert np.abs(predicted - COMMANDS).max() > 0.1
     plain = Plain()
     assert with_named(plain, {}) is plain
-    assert stepped(plain, flown(plain, None)[1], CHANNELS, 1, STEP) is None
+    assert stepped(plain, apply_reality(plain, None)[1], CHANNELS, 1, STEP) is None
 
 
 def test_a_late_sensor_is_simulated_over_whole_episodes_only():
     reality = {"first_delay": {"delay": 0.26}, "first_lag": {"time_constant": 0.2}}
-    model, read = flown(Plain(), reality)
+    model, read = apply_reality(Plain(), reality)
     episode = np.repeat([0, 1], STEPS // 2)
     signals = {"left": U, "right": U, "first": np.zeros(STEPS), "second": np.zeros(STEPS)}
     recording = Recording(np.tile(CLOCK[: STEPS // 2], 2), signals, episode=episode)
@@ -255,7 +255,7 @@ def test_each_row_remembers_its_own_and_comes_back_from_a_snapshot():
     random["left_lag"]["time_constant"] = {"uniform": [0.0, 0.5]}
     random["left_delay"]["delay"] = {"choice": [0.0, 0.31]}
     random["scale_drift"] = {"rate": {"uniform": [-0.1, 0.1]}}
-    model, read = flown(Plain(), random, CHANNELS)
+    model, read = apply_reality(Plain(), random, CHANNELS)
     drawn = [read.draw(model, np.random.default_rng(k)) for k in range(3)]
     made = stepped(model, read, CHANNELS, 3, STEP)
     made.set_parameters([0, 1, 2], np.array([d.vector(model) for d in drawn]))
@@ -289,13 +289,13 @@ def test_each_row_remembers_its_own_and_comes_back_from_a_snapshot():
 def test_what_cannot_act_is_said():
     legs = Channels(("left",), ("first",), "the other one is a mirror", prompt=("left",))
     with pytest.raises(ModelError, match=r"mirror. There are the commands left; the sensors first"):
-        flown(Plain(), {"right_gain": {"gain": 1.1}}, legs)
+        apply_reality(Plain(), {"right_gain": {"gain": 1.1}}, legs)
     with pytest.raises(ModelError, match="takes no time"):
-        flown(Plain(), {"left_lag": {"time_constant": 1.1}}, legs)
+        apply_reality(Plain(), {"left_lag": {"time_constant": 1.1}}, legs)
     with pytest.raises(ModelError, match="did you mean 'left_gain'"):
-        flown(Plain(), {"left_gian": {"gain": 1.1}})
+        apply_reality(Plain(), {"left_gian": {"gain": 1.1}})
     with pytest.raises(ModelError, match="outside"):
-        flown(Plain(), {"left_gain": {"gain": 1e9}})
+        apply_reality(Plain(), {"left_gain": {"gain": 1e9}})
 
 
 def test_where_legs_are_taken_a_jump_acts_from_the_next_leg_on():
@@ -304,7 +304,7 @@ def test_where_legs_are_taken_a_jump_acts_from_the_next_leg_on():
         "left_parameter_step": {"time": 3.0, "factor": 0.5},
         "scale_step": {"time": 3.0, "change": 0.5},
     }
-    model, read = flown(Plain(), reality, legs)
+    model, read = apply_reality(Plain(), reality, legs)
     made = stepped(model, read, legs, 1, 0.0)
     made.begin([0])
     for time, factor in ((0.0, 1.0), (2.9, 1.0), (3.0, 0.5), (7.0, 0.5)):

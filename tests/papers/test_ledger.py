@@ -19,7 +19,7 @@ from fieldmodels.code import files_reached
 from papers import ledger as books
 from papers import publish
 from papers import run as running
-from papers.claim import Claim, Decided, Ours, Statistic, at_least, at_most, judge, near, times
+from papers.claim import Claim, Decided, Ours, Statistic, at_least, at_most, decide, near, times
 from papers.pages import show_ledger
 from papers.source import Reproduction, all_sources, reproduces
 from papers.statistics import exact, mean_of, median_of, share_of
@@ -40,12 +40,12 @@ CLAIMS = [(source, claim) for source in all_sources().values() for claim in sour
     ],
 )
 def test_the_interval_decides(low, high, verdict):
-    assert judge(Statistic((low + high) / 2, low, high), near(10, 1)) == verdict
+    assert decide(Statistic((low + high) / 2, low, high), near(10, 1)) == verdict
 
 
 def test_bounds_and_their_words():
-    assert judge(exact(1e9), at_least(3)) == judge(exact(-1e9), at_most(3)) == "reproduced"
-    assert judge(exact(2.9), at_least(3)) == judge(exact(3.1), at_most(3)) == "refuted"
+    assert decide(exact(1e9), at_least(3)) == decide(exact(-1e9), at_most(3)) == "reproduced"
+    assert decide(exact(2.9), at_least(3)) == decide(exact(3.1), at_most(3)) == "refuted"
     assert times(3e-4, 2) == (1.5e-4, 6e-4)
     words = [Claim("x", ("here",), "it", holds=h).condition for h in (near(10, 1), at_least(3), at_most(3))]
     assert words == ["9 to 11", "at least 3", "at most 3"]

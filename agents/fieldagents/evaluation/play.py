@@ -20,7 +20,7 @@ from fieldagents.policies.zoo import ZOO
 from fieldagents.seeds import TEST_SEEDS
 from fieldagents.task import code_of, get_task
 from fieldgym import find_task
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.engine import Job
 from fieldmodels.engine.job import Report
 from fieldmodels.files import replacing
@@ -144,5 +144,5 @@ def written_out(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
 def _plain(task: str, environment: EnvironmentConfig) -> dict[str, Any]:
     if environment.reality is None:
         return {}
-    _, truth = flown(get_model(find_task(task).model), environment.reality)
+    _, truth = apply_reality(get_model(find_task(task).model), environment.reality)
     return truth.plain()

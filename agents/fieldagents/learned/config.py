@@ -28,7 +28,7 @@ from fieldagents.policies.algorithms import (
     is_on_policy,
     wrong_arguments,
 )
-from fieldagents.policies.told import told_of
+from fieldagents.policies.conditioned import conditions_of
 from fieldagents.policies.zoo import get_entry
 from fieldagents.seeds import TRAINING_SEEDS, TUNING_SEEDS
 
@@ -139,12 +139,12 @@ def _wrong_further(
         yield (), f"groups of {twins} twins in {len(also) + 1} environments do not divide num_envs, {rows}"
 
 
-def _nothing_to_tell(
-    told: bool, task: str, environment: EnvironmentConfig, also: tuple[EnvironmentConfig, ...]
+def _no_conditions(
+    conditioned: bool, task: str, environment: EnvironmentConfig, also: tuple[EnvironmentConfig, ...]
 ) -> Problems:
-    if told:
+    if conditioned:
         try:
-            if environment.reality is None or not told_of(task, environment.reality):
+            if environment.reality is None or not conditions_of(task, environment.reality):
                 yield (), "no number of the environment's reality is drawn by a sampler"
         except ValueError as error:
             yield (), str(error)
@@ -199,6 +199,8 @@ def _wrong_learner(learner: dict[str, Any], algorithm: str, steps: int, num_envs
 class TrainConfig(Config):
     """A training run, whole."""
 
+    was = {"told": "conditioned"}  # noqa: RUF012
+
     name: Name
     """Name of the run; its folder is ``runs/<task>/<name>-<hash of this config>``."""
     task: TaskName
@@ -231,7 +233,7 @@ class TrainConfig(Config):
     ] = Field(default=(), validate_default=True)
     """Further environments, each with an equal share of the ``num_envs``: one policy is trained, and
     validated, in all of them. Settings that are not named are those of ``environment``."""
-    told: Annotated[bool, checked(_nothing_to_tell, "task", "environment", "also")] = False
+    conditioned: Annotated[bool, checked(_no_conditions, "task", "environment", "also")] = False
     """Whether the policy is told, beside each observation, what a diagnosis would say of the numbers that the
     reality draws: of each an estimate and its standard error."""
     learner: Annotated[dict[str, Any], checked(_wrong_learner, "algorithm", "steps", "num_envs")] = Field(

@@ -24,8 +24,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from fieldagents.learned.features import FeaturedVecEnv
 from fieldagents.learned.pixels import is_image
-from fieldagents.policies.policy import DIAGNOSIS, TOLD
-from fieldagents.policies.told import Told
+from fieldagents.policies.conditioned import Condition
+from fieldagents.policies.policy import CONDITIONS, DIAGNOSIS
 
 
 class ExportedPolicy(torch.nn.Module):
@@ -134,7 +134,7 @@ class RecurrentPolicy(ExportedPolicy):
         return self.limited(action), following
 
 
-class ToldPolicy(torch.nn.Module):
+class ConditionedPolicy(torch.nn.Module):
     """A policy whose observations end with what it is told, which is given apart.
 
     Args:
@@ -156,7 +156,7 @@ def to_onnx(
     note: str,
     stack: int = 1,
     featured: FeaturedVecEnv | None = None,
-    told: Sequence[Told] = (),
+    conditions: Sequence[Condition] = (),
 ) -> bytes:
     """Export a policy; equal weights give equal bytes.
 
@@ -166,7 +166,7 @@ def to_onnx(
         note: One line about where it comes from, kept in the file as its documentation.
         stack: Observations that it is given at once.
         featured: What takes features of them.
-        told: What the ends of its observations tell; the file has a further input for it.
+        conditions: What the ends of its observations tell; the file has a further input for it.
     """
     names, outputs = ["observation"], ["action"]
     module: ExportedPolicy
@@ -182,11 +182,11 @@ def to_onnx(
         names, outputs = [*names, "memory"], [*outputs, "next_memory"]
         example.append(torch.zeros(2, module.memory))
     exported: torch.nn.Module = module
-    if told:
+    if conditions:
         names.insert(1, DIAGNOSIS)
-        own = shape[0] - 2 * len(told)
+        own = shape[0] - 2 * len(conditions)
         example[:1] = [example[0][:, :own], example[0][:, own:]]
-        exported = ToldPolicy(module)
+        exported = ConditionedPolicy(module)
     stream = io.BytesIO()
     with warnings.catch_warnings():
         # the exporter that needs no further package; its deprecation is torch's affair, pinned here
@@ -203,8 +203,8 @@ def to_onnx(
         )
     model = onnx.load_from_string(stream.getvalue())
     model.doc_string = note
-    if told:
-        numbers = json.dumps([asdict(one) for one in told])
-        onnx.helper.set_model_props(model, {TOLD: numbers})
+    if conditions:
+        numbers = json.dumps([asdict(one) for one in conditions])
+        onnx.helper.set_model_props(model, {CONDITIONS: numbers})
     onnx.checker.check_model(model)
     return cast(bytes, model.SerializeToString(deterministic=True))

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from sb3_contrib import RecurrentPPO
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from fieldagents.learned.telling import Telling
+from fieldagents.learned.conditioning import Conditioning
 from fieldagents.made import imported
-from fieldagents.policies.told import simulated
+from fieldagents.policies.conditioned import simulated
 from fieldgym.sb3 import NativeVecEnv
 
 
@@ -87,9 +87,9 @@ class Pathwise(RecurrentPPO):
         recorded: Recorded = self._recorded_class(place.settings, place.reality, seeds)  # type: ignore[attr-defined]
         if recorded.observations.shape[1] != self.n_steps:
             raise ValueError(f"n_steps is {self.n_steps}, an episode has {recorded.observations.shape[1]}")
-        if isinstance(part, Telling):
-            told = simulated(part.told, recorded.drawn)[:, None].repeat(self.n_steps, axis=1)
-            recorded.observations = np.concatenate([recorded.observations, told], axis=2)
+        if isinstance(part, Conditioning):
+            conditions = simulated(part.conditions, recorded.drawn)[:, None].repeat(self.n_steps, axis=1)
+            recorded.observations = np.concatenate([recorded.observations, conditions], axis=2)
         if self.num_timesteps == 0 and isinstance(self.env, VecNormalize) and self.env.norm_obs:
             self.env.obs_rms.update(recorded.observations.reshape(-1, *recorded.observations.shape[2:]))
         return recorded

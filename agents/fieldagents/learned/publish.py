@@ -17,8 +17,8 @@ import typer
 
 from fieldagents.config import load_config
 from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.learned.conditioning import as_trained
 from fieldagents.learned.config import TrainConfig
-from fieldagents.learned.telling import as_trained
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.policies.zoo import ZOO, ZooError
 from fieldagents.seeds import TEST_SEEDS

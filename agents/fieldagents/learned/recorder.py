@@ -20,10 +20,10 @@ from stable_baselines3.common.utils import safe_mean
 
 from fieldagents.evaluation.episodes import run_episodes
 from fieldagents.learned.checkpoint import CheckpointError, checkpoints, save_checkpoint
+from fieldagents.learned.conditioning import as_trained, conditions_in
 from fieldagents.learned.config import VALIDATION_SEEDS
 from fieldagents.learned.export import to_onnx
 from fieldagents.learned.run import Best, Run
-from fieldagents.learned.telling import as_trained, told_in
 from fieldagents.policies.algorithms import LIBRARIES
 from fieldagents.policies.policy import OnnxAgent
 from fieldagents.progress import Report, stages
@@ -154,7 +154,7 @@ class Recorder(BaseCallback):
         """Score the policy as it would be shipped; keep it if it is the best so far."""
         run, config, steps = self._run, self._run.config, self.model.num_timesteps
         note = f"{config.task}, {config.algorithm}, seed {config.seed}, {steps} steps"
-        policy = to_onnx(run.policy, run.normaliser, note, config.stack, run.featured, told_in(config))
+        policy = to_onnx(run.policy, run.normaliser, note, config.stack, run.featured, conditions_in(config))
         seeds, say = VALIDATION_SEEDS[: config.validation.episodes], stages(self._report, self._part)
         episodes = pd.concat(
             run_episodes(as_trained(OnnxAgent(policy)), config.task, one, seeds, say)
@@ -175,7 +175,7 @@ class Recorder(BaseCallback):
     def _save_for_sb3(self) -> None:
         """Keep the best policy as the library saves it, too, where that is all that it takes to act."""
         run, library = self._run, type(self.model).__module__.partition(".")[0]
-        more = run.config.stack > 1 or run.featured is not None or told_in(run.config)
+        more = run.config.stack > 1 or run.featured is not None or conditions_in(run.config)
         if library not in LIBRARIES or more:
             return
         saved = io.BytesIO()

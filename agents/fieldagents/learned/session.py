@@ -15,11 +15,11 @@ from stable_baselines3.common.utils import set_random_seed
 
 from fieldagents.learned.begin import begin
 from fieldagents.learned.checkpoint import CheckpointError, latest_checkpoint
+from fieldagents.learned.conditioning import Conditioning, conditions_in
 from fieldagents.learned.config import TrainConfig
 from fieldagents.learned.imitation import imitate
 from fieldagents.learned.recorder import PausedError, Recorder
 from fieldagents.learned.run import Run
-from fieldagents.learned.telling import Telling, told_in
 from fieldagents.progress import Report
 from fieldgym import find_task
 from fieldgym.sb3 import NativeVecEnv
@@ -61,8 +61,8 @@ def _run_training(
         )
         for environment, share in zip(config.environments, shares, strict=True)
     ]
-    if told := told_in(config):
-        parts = [Telling(part, told) for part in parts]
+    if conditions := conditions_in(config):
+        parts = [Conditioning(part, conditions) for part in parts]
     run = Run(config, NativeVecEnv(*parts, seed=config.environment_seed, twins=config.twins))
     logger = configure(str(folder / "tensorboard"), ["tensorboard"])
     try:

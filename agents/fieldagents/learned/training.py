@@ -15,7 +15,7 @@ from fieldagents.learned.config import TrainConfig
 from fieldagents.policies.algorithms import require_extra
 from fieldagents.progress import progress as showing_progress
 from fieldgym import find_task
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.files import claimed, write_text
 from fieldmodels.registry import get_model
 from fieldmodels.yaml import save_yaml
@@ -105,7 +105,7 @@ def self_contained(config: TrainConfig) -> TrainConfig:
     environment = config.environment
     if not isinstance(environment.reality, str):
         return config
-    _, reality = flown(get_model(find_task(config.task).model), environment.reality)
+    _, reality = apply_reality(get_model(find_task(config.task).model), environment.reality)
     plain = environment.model_copy(update={"reality": reality.plain()})
     return config.model_copy(update={"environment": plain})
 

@@ -12,10 +12,10 @@ from gymnasium import Space
 from numpy.typing import NDArray
 
 from fieldagents.agent import Agent, AgentError, checked_actions
-from fieldagents.policies.told import Told, said, turned
+from fieldagents.policies.conditioned import Condition, said, turned
 from fieldmodels.extras import needed
 
-DIAGNOSIS, TOLD = "diagnosis", "told"
+DIAGNOSIS, CONDITIONS = "diagnosis", "told"
 """The input of what a policy is told of its machine, and the metadata that say of which parameters."""
 FORMS = (
     (["observation"], ["action"]),
@@ -33,7 +33,7 @@ class OnnxAgent(Agent):
 
     Attributes:
         shape: Shape of one observation.
-        told: The parameters of its machine that it is told of, see ``tell``.
+        conditions: The parameters of its machine that it is told of, see ``condition``.
         diagnosis: What it is told, shape (2 parameters,) or (environments, 2 parameters); nothing at first.
 
     Args:
@@ -75,16 +75,19 @@ class OnnxAgent(Agent):
             )
         self.shape = given["observation"]
         metadata = self._session.get_modelmeta().custom_metadata_map
-        self.told = tuple(Told(**one) for one in json.loads(metadata[TOLD])) if DIAGNOSIS in given else ()
-        self.tell({})
+        conditions = json.loads(metadata[CONDITIONS]) if DIAGNOSIS in given else ()
+        self.conditions = tuple(Condition(**one) for one in conditions)
+        self.condition({})
         self._memories: tuple[int, ...] | None = given.get("memory")
         self._memory = np.zeros((0, 0), dtype=np.float32)
         self._source, self.name, self.title = path, name or path.stem, title
 
-    def tell(self, found: Mapping[str, Mapping[str, Any]]) -> None:
-        """Tell it what a diagnosis has found; see `fieldagents.policies.told.said`."""
-        if self.told:
-            self.sees, self.diagnosis = "diagnosis", said(self.told, found)
+    def condition(self, found: Mapping[str, Mapping[str, Any]]) -> None:
+        """Tell it what a diagnosis has found; see `fieldagents.policies.conditioned.said`."""
+        if self.conditions:
+            self.sees, self.diagnosis = "diagnosis", said(self.conditions, found)
+
+    tell = condition  # its name in 0.1
 
     def reset(self, seed: int) -> None:  # noqa: ARG002 - nothing is drawn
         """See ``Agent.reset``."""
@@ -98,7 +101,7 @@ class OnnxAgent(Agent):
     def fits(self, observations: Space[Any], actions: Space[Any]) -> None:
         """See ``Agent.fits``."""
         self._check(observations.shape)
-        action = self.act(np.zeros((2, *self.shape)), {one.turned_by: np.zeros(2) for one in self.told})
+        action = self.act(np.zeros((2, *self.shape)), {one.turned_by: np.zeros(2) for one in self.conditions})
         self.reset(0)
         try:
             checked_actions(action, self.name, 2, actions)
@@ -110,9 +113,9 @@ class OnnxAgent(Agent):
         observation = np.ascontiguousarray(observation, dtype=np.float32)
         self._check(observation.shape[1:])
         given = {"observation": observation}
-        if self.told:
-            rows = np.broadcast_to(self.diagnosis, (len(observation), 2 * len(self.told)))
-            given[DIAGNOSIS] = turned(self.told, rows, info)
+        if self.conditions:
+            rows = np.broadcast_to(self.diagnosis, (len(observation), 2 * len(self.conditions)))
+            given[DIAGNOSIS] = turned(self.conditions, rows, info)
         if self._memories is None:
             return self._run(given)[0]
         if len(self._memory) != len(observation):

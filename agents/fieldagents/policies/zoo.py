@@ -118,7 +118,8 @@ class ZooEntry:
     @property
     def sees(self) -> Sees:
         """What its policies may see."""
-        return "diagnosis" if self.trainings[0].card["config"].get("told") else "observation"
+        config = self.trainings[0].card["config"]
+        return "diagnosis" if config.get("conditioned", config.get("told")) else "observation"
 
     def agents(self, settings: Mapping[str, Any] | None = None) -> tuple[OnnxAgent, ...]:
         """The policies of all training runs in the scenario that is most like the settings."""

@@ -59,11 +59,11 @@ def _wrong_settings(settings: dict[str, Any] | None, model: str) -> Problems:
 
 
 class RecordConfig(Config):
-    """What `fieldgym record` reads: a model in a (hidden) reality, measured for a while.
+    """What `fieldgym record` reads: a machine in a (hidden) reality, measured for a while.
 
     Attributes:
         name: Name of the result folder.
-        model: Name of the model; a user's own is named on the command line (``--set model=my_bench.py``).
+        machine: Its name; a user's own is named on the command line (``--set machine=my_bench.py``).
         reality: Effects that are on (key ``parameters``: other base values), or an ``extended.yaml``.
         excitation: How the input is driven, for a model with a commanded input; tasks' robots move at random.
         input: CSV or Parquet file of commands that are played instead, as `fieldgym diagnose` plans them: `t`
@@ -78,13 +78,14 @@ class RecordConfig(Config):
         format: File format.
     """
 
+    was = {"model": "machine"}  # noqa: RUF012
     name: Name
-    model: str
-    reality: Annotated[RealityConfig, checked(wrong_reality, "model")] = None
+    machine: str
+    reality: Annotated[RealityConfig, checked(wrong_reality, "machine")] = None
     excitation: ExcitationConfig | None = None
     input: Path | None = None
     walk: WalkConfig | None = None
-    settings: Annotated[dict[str, Any] | None, checked(_wrong_settings, "model")] = None
+    settings: Annotated[dict[str, Any] | None, checked(_wrong_settings, "machine")] = None
     duration: float = Field(gt=0, le=36_000)
     step: float | None = Field(default=None, gt=0, le=1)
     episodes: int = Field(default=1, ge=1, le=1000)
@@ -92,21 +93,21 @@ class RecordConfig(Config):
     seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
     format: Literal["csv", "parquet"] = "csv"
 
-    @field_validator("model")
+    @field_validator("machine")
     @classmethod
-    def _model_exists(cls, model: str, info: ValidationInfo) -> str:
-        if is_model_file(model) and f"model={model}" not in (info.context or ()):
-            raise ValueError(f"a Python file is run only if the command line names it: --set model={model}")
-        get_model(model)
-        return model
+    def _machine_exists(cls, name: str, info: ValidationInfo) -> str:
+        if is_model_file(name) and not {f"machine={name}", f"model={name}"} & {*(info.context or ())}:
+            raise ValueError(f"a Python file is run only if the command line names it: --set machine={name}")
+        get_model(name)
+        return name
 
     @field_validator("excitation", "input", "walk", "settings", "step", "episodes", "noise")
     @classmethod
     def _key_fits_the_model(cls, value: Any, info: ValidationInfo) -> Any:
-        model = info.data.get("model")
+        model = info.data.get("machine")
         if model is None:
             return value
         recorder = recorder_of(model)
         if info.field_name not in (recorder.keys if recorder else DRIVEN):
-            raise ValueError(f"model {model!r} does not take this key; leave it out")
+            raise ValueError(f"machine {model!r} does not take this key; leave it out")
         return value

@@ -9,7 +9,7 @@ import numpy as np
 from fieldagents.record.config import ExcitationConfig, RecordConfig
 from fieldagents.task import recorder_of
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.model import Model
 from fieldmodels.reality import SCHEMA, Reality
 from fieldmodels.recording import Recording, RecordingError
@@ -36,7 +36,7 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     save_yaml(
         {
             "schema": SCHEMA,
-            "model": config.model,
+            "model": config.machine,
             "parameters": dict(truth.base),
             "effects": {name: dict(values) for name, values in truth.effects.items()},
         },
@@ -47,16 +47,16 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
 
 def _reality(config: RecordConfig) -> Reality:
     """The hidden reality; samplers in it are drawn once, by the config's seed but apart from the noise."""
-    model, reality = flown(get_model(config.model), config.reality)
+    model, reality = apply_reality(get_model(config.machine), config.reality)
     return reality.draw(model, np.random.default_rng([config.seed, 1])) if reality.random else reality
 
 
 def make_recording(config: RecordConfig) -> Recording:
     """The measured data that a config describes; equal configs give equal data."""
     reality = _reality(config)
-    recorder = recorder_of(config.model)
+    recorder = recorder_of(config.machine)
     make = recorder.record if recorder else _driven
-    return make(config, get_model(config.model), reality, np.random.default_rng(config.seed))
+    return make(config, get_model(config.machine), reality, np.random.default_rng(config.seed))
 
 
 def _driven(config: RecordConfig, model: Model, reality: Reality, rng: np.random.Generator) -> Recording:
@@ -66,9 +66,9 @@ def _driven(config: RecordConfig, model: Model, reality: Reality, rng: np.random
     from fieldmodels.synthesis import synthesise
 
     drive = config.excitation or ExcitationConfig()
-    if is_model_file(config.model):
+    if is_model_file(config.machine):
         trial = at_rest(model, config.step or 0.01, drive.amplitude, np.random.default_rng(config.seed))
-        check_simulation(model, trial, config.model)
+        check_simulation(model, trial, config.machine)
     return synthesise(
         model,
         reality,

@@ -32,7 +32,7 @@ def load_loop(path: Path, model: Model) -> RetuneConfig:
     needed = find_task(config.task).model
     if get_model(needed).name != model.name:
         raise ConfigError(
-            [f"{path}: task: {config.task} needs --model {needed}, and --model names {model.name}"]
+            [f"{path}: task: {config.task} needs --machine {needed}, and --machine names {model.name}"]
         )
     return config
 

@@ -18,7 +18,7 @@ from fieldagents.config import (
     wrong_reality,
 )
 from fieldagents.record.config import RecordConfig
-from fieldagents.retune.trained import Training, tuner_of, wrong_telling
+from fieldagents.retune.trained import Training, tuner_of, wrong_conditioning
 from fieldagents.seeds import TEST_SEEDS, TUNING_SEEDS
 from fieldagents.sweep.config import changed
 from fieldagents.task import get_task
@@ -36,7 +36,7 @@ def _wrong_options(options: dict[str, Any], task: str, agent: str) -> Problems:
     yield from (problems := list(invalid(options, tuner.options)))
     if not problems and tuner.options is Training:
         changed(agent, options.get("change", {}))
-    elif not problems and tuner.told and (problem := wrong_telling(task, tuner, options)):
+    elif not problems and tuner.conditioned and (problem := wrong_conditioning(task, tuner, options)):
         yield (), problem
 
 
@@ -88,10 +88,10 @@ def _nothing_to_draw(hidden: Any) -> Problems:
 
 
 def _wrong_recording(record: dict[str, Any], task: str) -> Problems:
-    drawn = [key for key in ("name", "model", "reality", "seed") if key in record]
+    drawn = [key for key in ("name", "machine", "model", "reality", "seed") if key in record]
     yield from (((key,), "follows from the reality that is drawn; leave it out") for key in drawn)
     if not drawn:
-        yield from invalid({"name": "record", "model": find_task(task).model, **record}, RecordConfig)
+        yield from invalid({"name": "record", "machine": find_task(task).model, **record}, RecordConfig)
 
 
 def _too_few_seeds(seeds: str, realities: int, episodes: int) -> Problems:
@@ -109,7 +109,7 @@ class RealitiesConfig(RetuneConfig):
 
     Attributes:
         hidden: The faults that realities are drawn from, with samplers in place of their sizes.
-        record: How each reality is recorded: keys of a config of `fieldgym record` but name, model, reality
+        record: How each reality is recorded: keys of a config of `fieldgym record` but name, machine, reality
             and seed.
         episodes: Number of episodes of every agent in each reality, other seeds in each.
         realities: How many are drawn.

@@ -19,7 +19,7 @@ from fieldagents.retune.config import RealitiesConfig
 from fieldagents.retune.loop import RESAMPLING_SEED
 from fieldagents.retune.recovery import Recovery, pooled_recovery, recovery
 from fieldagents.retune.result import NOMINAL, ORACLE, RETUNED
-from fieldagents.retune.trained import code_behind, tuner_of
+from fieldagents.retune.trained import Conditioning, code_behind, tuner_of
 from fieldagents.task import Metric, get_task
 from fieldmodels import html
 from fieldmodels.arrays import FloatArray
@@ -34,9 +34,9 @@ TUNED = (
     "if tuned by the diagnosis of each",
     "if tuned in the reality itself (the oracle)",
 )
-TOLD = {
-    told: ("by the nominal agent", f"if told {what}", "if told the truth (the oracle)")
-    for told, what in ((True, "the diagnosis of each"), (False, "nothing"))
+CONDITIONED = {
+    given: ("by the nominal agent", f"if given {what}", "if given the truth (the oracle)")
+    for given, what in ((True, "the diagnosis of each"), (False, "nothing"))
 }
 """What the three agents are, in words."""
 FILES = ("realities.json", "realities.parquet", "realities.html")
@@ -173,7 +173,7 @@ def close_loops(
         task=config.task,
         agent=config.agent,
         title=tuner.title,
-        roles=TOLD[bool(config.options.get("told", True))] if tuner.told else TUNED,
+        roles=CONDITIONED[Conditioning(**config.options).conditioned] if tuner.conditioned else TUNED,
         metric=metric,
         episodes=config.episodes,
         seeds=config.seeds,

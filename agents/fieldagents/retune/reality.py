@@ -26,7 +26,7 @@ from fieldagents.retune.trained import tuner_of
 from fieldagents.seeds import LARGEST_SEED
 from fieldgym import find_task
 from fieldmodels.diagnosis import diagnose
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.files import replacing
 from fieldmodels.model import StrayedError
 from fieldmodels.recording import Recording, RecordingError
@@ -78,7 +78,7 @@ def close(config: RealitiesConfig, number: int, folder: Path, report: Report) ->
     agents: dict[str, list[Agent]] = {}
     agents[NOMINAL] = _nominal(config.model_dump_json(include={"task", "agent", "options", "settings"}))
     took(NOMINAL)
-    stays = skipped and not tuner_of(config.task, config.agent).told
+    stays = skipped and not tuner_of(config.task, config.agent).conditioned
     agents[RETUNED] = agents[NOMINAL] if stays else _made(config, str(folder / "extended.yaml"))
     took(RETUNED)
     agents[ORACLE] = _made(config, hidden)
@@ -133,7 +133,7 @@ def recorded(config: RealitiesConfig, hidden: Any, seed: int) -> Recording:
 
 def _until_it_strays(config: RealitiesConfig, hidden: Any, seed: int, duration: float) -> Recording | None:
     """A walk of at most so long [s]; nobody has a log of what comes after the robot has strayed."""
-    parts = {"name": "record", "model": find_task(config.task).model, "reality": hidden, "seed": seed}
+    parts = {"name": "record", "machine": find_task(config.task).model, "reality": hidden, "seed": seed}
     while duration > 0:
         try:
             return make_recording(
@@ -150,7 +150,7 @@ def drawn(config: RealitiesConfig, seed: int) -> dict[str, dict[str, float]]:
     names = list(config.hidden)
     count = int(rng.integers(1, min(config.together, len(names)) + 1))
     chosen = sorted(rng.choice(len(names), count, replace=False))
-    model, reality = flown(
+    model, reality = apply_reality(
         get_model(find_task(config.task).model), {names[i]: config.hidden[names[i]] for i in chosen}
     )
     return reality.draw(model, rng).plain()
@@ -160,7 +160,7 @@ def _made(config: RealitiesConfig | SimpleNamespace, reality: Any) -> list[Agent
     """The agent for a reality; of a policy that is told, every training run unless one is asked for."""
     tuner = tuner_of(config.task, config.agent)
     options = tuner.options.model_validate(config.options)
-    if tuner.told and "run" not in config.options:
+    if tuner.conditioned and "run" not in config.options:
         each = [options.model_copy(update={"run": run}) for run in range(tuner.runs)]
     else:
         each = [options]

@@ -15,8 +15,8 @@ from fieldagents.agent import Agent
 from fieldagents.config import Config, EnvironmentConfig
 from fieldagents.evaluation.agents import known_agent, make_agent, policies
 from fieldagents.policies import zoo
+from fieldagents.policies.conditioned import known
 from fieldagents.policies.policy import OnnxAgent
-from fieldagents.policies.told import known
 from fieldagents.sweep.config import changed
 from fieldagents.task import Tuner, code_of, get_task
 from fieldmodels.names import did_you_mean
@@ -33,18 +33,19 @@ class Training(Config):
     change: dict[str, Any] = Field(default_factory=dict)
 
 
-class Telling(Config):
+class Conditioning(Config):
     """How a policy is told of a reality.
 
     Attributes:
-        told: Whether it is told at all what a diagnosis has found: without, what training in random realities
-            wins back by itself is measured.
+        conditioned: Whether it is given what a diagnosis has found: without, what training in random
+            realities wins back by itself is measured.
         nominal: An agent of the nominal simulation, whose loss it is; by default the policy itself, which is
             told that nothing is missing.
         run: Which training run; over drawn realities, all of them unless one is given.
     """
 
-    told: bool = True
+    was = {"told": "conditioned"}  # noqa: RUF012
+    conditioned: bool = True
     nominal: str | None = None
     run: int = Field(default=0, ge=0)
 
@@ -63,10 +64,10 @@ def tuner_of(task: str, agent: str) -> Tuner:
     tuners = get_task(task).tuners
     if agent in tuners:
         return tuners[agent]
-    if _told_files(task, agent):
+    if _conditioned_files(task, agent):
         title = "Policy of random realities, which is told the diagnosis"
         runs = len(make_agent(agent, task, {}).runs)
-        return Tuner(agent, title, Telling, partial(tell, task, agent), told=True, runs=runs)
+        return Tuner(agent, title, Conditioning, partial(condition, task, agent), conditioned=True, runs=runs)
     if "/" not in agent and not agent.endswith(".yaml"):
         raise ValueError(
             f"no agent {agent!r} can be tuned anew{did_you_mean(agent, tuners)}; there are "
@@ -74,7 +75,7 @@ def tuner_of(task: str, agent: str) -> Tuner:
         )
     if (config := changed(agent, {})).task != task:
         raise ValueError(f"{agent} trains for {config.task}, not for {task}")
-    if config.told:
+    if config.conditioned:
         raise ValueError(f"{agent} trains a policy that is told: train it, and name its run's folder here")
     title = f"Policy of {config.algorithm.rpartition(':')[2]}, trained as {agent} says"
     return Tuner(agent, title, Training, partial(train_in, agent))
@@ -98,7 +99,9 @@ def train_in(base: str, settings: Mapping[str, Any], reality: Any, options: Trai
         return OnnxAgent((run / "policy.onnx").read_bytes(), name=config.name)
 
 
-def tell(task: str, agent: str, settings: Mapping[str, Any], reality: Any, options: Telling) -> Agent:
+def condition(
+    task: str, agent: str, settings: Mapping[str, Any], reality: Any, options: Conditioning
+) -> Agent:
     """A policy that is told of a reality.
 
     Args:
@@ -115,29 +118,29 @@ def tell(task: str, agent: str, settings: Mapping[str, Any], reality: Any, optio
     policy = make_agent(agent, task, settings).runs[options.run]
     assert isinstance(policy, OnnxAgent)
     if reality is None or isinstance(reality, Mapping):
-        policy.diagnosis = known(policy.told, reality or {})
-    elif options.told:
+        policy.diagnosis = known(policy.conditions, reality or {})
+    elif options.conditioned:
         found = load_yaml(Path(reality))
-        policy.tell({"parameters": found.get("parameters", {}), **found.get("effects", {})})
+        policy.condition({"parameters": found.get("parameters", {}), **found.get("effects", {})})
     return policy
 
 
-def wrong_telling(task: str, tuner: Tuner, options: Mapping[str, Any]) -> str:
+def wrong_conditioning(task: str, tuner: Tuner, options: Mapping[str, Any]) -> str:
     """What is wrong with options that are of the right kinds; empty if nothing is."""
-    asked = Telling.model_validate(options)
+    asked = Conditioning.model_validate(options)
     if asked.nominal is not None and (problem := known_agent(asked.nominal, task)):
         return problem
     wrong = asked.run >= tuner.runs
     return f"{tuner.name} has {tuner.runs} training runs, numbered from 0" if wrong else ""
 
 
-def _told_files(task: str, agent: str) -> list[Path]:
+def _conditioned_files(task: str, agent: str) -> list[Path]:
     """The files of a policy that is told of its machine; none if it is no such policy."""
     for entry in zoo.list_zoo(task):
         if entry.name == agent and entry.sees == "diagnosis":
             return [training.policy(seed) for training in entry.trainings for seed in training.seeds]
     files = policies(agent)
-    return files if files and OnnxAgent(files[0]).told else []
+    return files if files and OnnxAgent(files[0]).conditions else []
 
 
 def code_behind(task: str, agent: str, options: Mapping[str, Any], *modules: str) -> list[str]:
@@ -151,6 +154,6 @@ def code_behind(task: str, agent: str, options: Mapping[str, Any], *modules: str
     """
     if agent in get_task(task).tuners:
         return [code_of(task, *modules)]
-    if files := _told_files(task, agent):
+    if files := _conditioned_files(task, agent):
         return [code_of(task, *modules), *(hashlib.sha256(one.read_bytes()).hexdigest() for one in files)]
     return [code_of(task, "fieldagents.learned", *modules), changed(agent, options.get("change", {})).hash]

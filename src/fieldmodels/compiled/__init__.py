@@ -8,8 +8,8 @@ import numba
 from fieldmodels.compiled.cache import KernelCache, in_peace
 from fieldmodels.compiled.fingerprint import fingerprint
 from fieldmodels.compiled.folder import cache_folder
-from fieldmodels.compiled.part import hand_parts_over
-from fieldmodels.compiled.settled import SettledCompiler
+from fieldmodels.compiled.memoising import MemoisingCompiler
+from fieldmodels.compiled.part import compile_callee_to_ir
 
 __all__ = ["allocation_free", "allocation_free_inlined", "cache_folder", "compiled", "fingerprint", "inlined"]
 
@@ -49,9 +49,9 @@ def _compile(function: Callable[P, R], **options: bool) -> Callable[P, R]:
     settings: Any = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True, **options}
     # Said even where it is off: a kernel takes what it does not say from the one that calls it first.
     settings.setdefault("forceinline", False)
-    kernel: Any = numba.njit(**settings, pipeline_class=SettledCompiler)(function)
+    kernel: Any = numba.njit(**settings, pipeline_class=MemoisingCompiler)(function)
     if hasattr(kernel, "py_func"):  # with NUMBA_DISABLE_JIT the plain function comes back
         kernel._cache = KernelCache(kernel)
         kernel.compile = in_peace(kernel.compile)
-        hand_parts_over(kernel, function, settings)
+        compile_callee_to_ir(kernel, function, settings)
     return cast(Callable[P, R], kernel)

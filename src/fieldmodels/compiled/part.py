@@ -16,7 +16,7 @@ from numba.core.caching import NullCache
 from numba.core.codegen import JITCodeLibrary
 
 from fieldmodels.compiled.cache import refuse_array
-from fieldmodels.compiled.settled import SettledCompiler
+from fieldmodels.compiled.memoising import MemoisingCompiler
 
 
 class _NoEngine:
@@ -43,7 +43,7 @@ class _PartLibrary(JITCodeLibrary):
         self._finalized = True
 
 
-class _PartCompiler(SettledCompiler):
+class _PartCompiler(MemoisingCompiler):
     def __init__(self, typing: Any, target: Any, _: Any, *others: Any):
         super().__init__(typing, target, _PartLibrary(target.codegen(), "part"), *others)
 
@@ -58,7 +58,7 @@ class _Unkept(NullCache):
         refuse_array(self._part, data)
 
 
-def hand_parts_over(kernel: Any, function: Callable[..., Any], settings: dict[str, Any]) -> None:
+def compile_callee_to_ir(kernel: Any, function: Callable[..., Any], settings: dict[str, Any]) -> None:
     """Let a kernel be a part where another one calls it, one version for any value of a constant argument."""
     jit: Any = numba.njit
     part = jit(**settings, no_cpython_wrapper=True, pipeline_class=_PartCompiler)(function)

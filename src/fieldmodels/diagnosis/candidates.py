@@ -294,7 +294,7 @@ class Candidates:
 
     def twins(self, name: str) -> set[str]:
         """Simpler effects that an effect equals at bounds of its parameters."""
-        return {twin for p in self.problem.model.effect(name).parameters for twin in p.twins if twin}
+        return {twin for p in self.problem.model.effect(name).parameters for twin in p.reduces_to if twin}
 
     def promised(self, parent: Candidate, name: str) -> float:
         """Cost [nats] at which a fit of an effect beside a parent needs no other start; -inf if none does."""
@@ -583,7 +583,7 @@ def _reached(model: Model, effect: Effect, parameters: FloatArray) -> tuple[int 
     place, listed = model.slice_of(effect.name).start, {e.name for e in model.effects}
     for i, p in enumerate(effect.parameters, place):
         at = (parameters[i] < 1.02 * p.lower, parameters[i] > p.upper / 1.02)
-        for reached, twin in zip(at, p.twins, strict=True):
+        for reached, twin in zip(at, p.reduces_to, strict=True):
             if reached and twin in listed:
                 return i, twin
     return None, ""

@@ -71,7 +71,7 @@ from fieldmodels.drivers.variables import (
     remembering,
     variable,
 )
-from fieldmodels.model import Combination, Signal
+from fieldmodels.model import ForceDirection, Signal
 from fieldmodels.recording.units import simplified
 
 SCREENED = 24  # curves that are scored against held-out windows: the best ones on the fitted windows
@@ -668,7 +668,7 @@ class Curves:
             if signal.name not in model.unbounded_outputs and all(signal.name in one for one in recorded):
                 for name in remembering(signal.name, duration, float(np.nanstd(np.concatenate(values)))):
                     yield name, signal.unit
-        inputs: Sequence[Signal | Combination] = (*model.inputs, *model.sums)
+        inputs: Sequence[Signal | ForceDirection] = (*model.inputs, *model.sums)
         for one in inputs:
             told = [given(model, recording, one.name) for recording in recorded]
             if max(len(np.unique(values)) for values in told) <= 3:

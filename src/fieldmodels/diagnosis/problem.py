@@ -294,7 +294,7 @@ class Problem:
         results, first = [], 0
         for part, force in zip(self.parts, forces, strict=True):
             last = first + len(part.windows)
-            windows = part.windows.with_states(states[first:last]).pushed_more(force)
+            windows = part.windows.with_states(states[first:last]).with_force(force)
             results.append(part.compressed(self.model.simulate(parameters[None], windows))[0])
             first = last
         return np.concatenate(results)

@@ -22,7 +22,7 @@ from fieldmodels.diagnosis.problem import Part, Problem
 from fieldmodels.diagnosis.shapes import Curve
 from fieldmodels.drivers.curved import smooth
 from fieldmodels.drivers.variables import SEGMENTS, given
-from fieldmodels.model import Combination
+from fieldmodels.model import ForceDirection
 
 LITTLE = (
     0.01  # of the errors, that a place moves the features: accelerations grow with the square of its pace
@@ -310,7 +310,7 @@ def sites_over(values: FloatArray) -> FloatArray:
     return np.linspace(values.min(), values.max(), SITES)
 
 
-def place_responses(problem: Problem, fitted: Fit, push: Combination, over: str) -> FloatArray:
+def place_responses(problem: Problem, fitted: Fit, push: ForceDirection, over: str) -> FloatArray:
     """Change of the features by a place that is one at a site of a variable, (windows, features, sites).
 
     Second derivatives of a place act, so that it cannot be put together from segments; but it depends on

@@ -13,7 +13,7 @@ from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.problem import build
 from fieldmodels.diagnosis.result import Estimate
 from fieldmodels.drivers.declaration import Declaration
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.model import Model, ModelError
 from fieldmodels.reality import SCHEMA, extended_reality
 from fieldmodels.recording import Recording, Windows
@@ -155,7 +155,7 @@ def loaded(model: Model, data: Mapping[str, Any]) -> Simulation:
         model: The model that it extends.
         data: See ``written``.
     """
-    around, reality = flown(model, extended_reality(data, model))
+    around, reality = apply_reality(model, extended_reality(data, model))
     return Simulation(around, reality.vector(around))
 
 

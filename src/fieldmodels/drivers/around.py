@@ -1,6 +1,6 @@
 """Stock effects around a model that simulates by itself: what can be put there from outside.
 
-    heel = surrounded(get_model("heel_strike"), sensor("gyro", ("bend", "clipping")))
+    heel = with_effects(get_model("heel_strike"), sensor("gyro", ("bend", "clipping")))
 
 A `Machine` takes stock effects by declaring them, and integrates them exactly. Any other `Model` has its
 simulation in its own hands; around it a command can be changed before it arrives, and a measured value
@@ -53,7 +53,7 @@ INVERSIONS = 20
 """Fixed-point steps by which a sensor's curve is inverted."""
 
 
-def surrounded(model: Model, *stock: Stock | Sequence[Stock]) -> Model:
+def with_effects(model: Model, *stock: Stock | Sequence[Stock]) -> Model:
     """Put stock effects around a model.
 
     Args:
@@ -71,7 +71,7 @@ def surrounded(model: Model, *stock: Stock | Sequence[Stock]) -> Model:
 
 
 class Surrounded(Wrapper):
-    """A model with stock effects around it; see `surrounded`.
+    """A model with stock effects around it; see `with_effects`.
 
     Attributes:
         stock: What is around it.

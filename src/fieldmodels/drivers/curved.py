@@ -223,7 +223,7 @@ class Curved(Wrapper):
             if curve.target.startswith(SHARE):
                 added = added * variable(self.inner, windows, out, push.rate)
             total[rows] += np.multiply.outer(np.where(np.isfinite(added), added, 0.0)[inside], push.weights)
-        return windows.pushed_more(total[:, 0] if columns == 1 else total)
+        return windows.with_force(total[:, 0] if columns == 1 else total)
 
     def _along(self, windows: Windows, curve: FreeCurve, coefficients: FloatArray) -> FloatArray:
         """A curve of what a machine is told along whole episodes: it runs smoothly between windows, too."""

@@ -17,7 +17,7 @@ from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.effects.curves import SIZE, Curve
 from fieldmodels.effects.forces import PLACED
 from fieldmodels.effects.stock import Names, Sizes, Stock
-from fieldmodels.model import Combination, Effect, Model, ModelError, Parameter
+from fieldmodels.model import Effect, ForceDirection, Model, ModelError, Parameter
 from fieldmodels.names import did_you_mean
 from fieldmodels.recording import Recording
 from fieldmodels.recording.units import canonical, simplified
@@ -185,7 +185,7 @@ class Declaration(Model):
             self.disturbance_unit = self._force_unit(self.forces[0])
         if len(self.forces) > 1:
             self.directions = tuple(
-                Combination(
+                ForceDirection(
                     f"{'force on' if f.unit or f.inertia else 'rate of'} {f.velocity}",
                     self._force_unit(f),
                     tuple(column),

@@ -187,7 +187,7 @@ def with_curves(machine: Declaration, effects: Mapping[str, Any]) -> Declaration
     return machine.with_effects(chosen) if chosen else machine
 
 
-def flown(
+def apply_reality(
     model: Model, source: Reality | Mapping[str, Any] | str | Path | None, where: Channels | None = None
 ) -> tuple[Model, Reality]:
     """Read a reality that may name stock effects, and put these around the model.
@@ -256,12 +256,12 @@ def extended_model(path: str | Path, model: str = "") -> tuple[Model, FloatArray
         model: Name or file of the model; by default the file names it.
 
     Raises:
-        ModelError: As ``flown``; also if the file names no model, or one of the user's own.
+        ModelError: As ``apply_reality``; also if the file names no model, or one of the user's own.
     """
     name = model or model_named_in(path)
     if not (model or name in model_names()):
         raise ModelError(f"{path}: is of {name!r}, a model of your own; give its file, too: --model FILE.py")
-    around, reality = flown(get_model(name), path)
+    around, reality = apply_reality(get_model(name), path)
     return around, reality.vector(around)
 
 
@@ -269,7 +269,7 @@ def stepped(around: Model, reality: Reality, where: Channels, batch: int, step: 
     """What steps the stock effects around a batch of machines; None if there are none.
 
     Args:
-        around: A model as ``flown`` gives it.
+        around: A model as ``apply_reality`` gives it.
         reality: Its reality; samplers stand at their typical values until ``set_parameters`` says what they
             have drawn.
         where: Which signals the task commands and measures.

@@ -1,4 +1,4 @@
-"""Stock effects around machines that are stepped: what `surrounded` does to a recording, a step at a time.
+"""Stock effects around machines that are stepped: what `with_effects` does to a recording, a step at a time.
 
 An environment hands over what it commands and gets what the actuators make of it; it hands over what is true
 and gets what the sensors show; and it asks what the parameters are by now. Lags, delays, rate limits and play

@@ -267,7 +267,7 @@ def _stribeck(n: Names, s: Sizes) -> Effect:
         f"Dry friction falls with speed: to break away takes more {n.force} than to keep sliding.",
         "-F_s exp(-(v/v_s)^2) sign(v), beside Coulomb friction",
         positive(n.force, n.force_unit, 0.1 * s.force),
-        span("velocity", n.velocity_unit, s.velocity, 0.03, 0.1, 0.3, sizes=s, twins=("", COULOMB)),
+        span("velocity", n.velocity_unit, s.velocity, 0.03, 0.1, 0.3, sizes=s, reduces_to=("", COULOMB)),
     )  # fmt: skip
 
 
@@ -287,7 +287,7 @@ def _hysteresis(n: Names, s: Sizes) -> Effect:
         f"the {n.force} depends on the way it came.",
         "dF_h/dx = (F_m - F_h sign(v)) / distance",
         positive(n.force, n.force_unit, 0.1 * s.force),
-        span("distance", n.position_unit, s.position, 0.03, 0.1, 0.3, 1.0, sizes=s, twins=(COULOMB, "")),
+        span("distance", n.position_unit, s.position, 0.03, 0.1, 0.3, 1.0, sizes=s, reduces_to=(COULOMB, "")),
     )  # fmt: skip
 
 
@@ -299,7 +299,7 @@ def _cogging(n: Names, s: Sizes) -> Effect:
         signed("sine", n.force_unit, 0.1 * s.force),
         signed("cosine", n.force_unit, 0.1 * s.force),
         span("period", n.position_unit, 4.0 * s.position, *_shares_of_the_way(n, s), sizes=s,
-             twins=("", "constant_force")),
+             reduces_to=("", "constant_force")),
     )  # fmt: skip
 
 

@@ -138,11 +138,11 @@ class Stock:
     def named(self, declared: Effect) -> Effect:
         """What was declared, with the machine's name for it and for what it may equal."""
         prefix = self.name.removesuffix(self.kind)
-        parameters = tuple(
-            replace(p, twins=(p.twins[0] and prefix + p.twins[0], p.twins[1] and prefix + p.twins[1]))
-            for p in declared.parameters
-        )
-        return replace(declared, name=self.name, parameters=parameters)
+        parameters = []
+        for p in declared.parameters:
+            low, high = (one and prefix + one for one in p.reduces_to)
+            parameters.append(replace(p, reduces_to=(low, high)))
+        return replace(declared, name=self.name, parameters=tuple(parameters))
 
 
 def choose(
@@ -182,7 +182,7 @@ def signed(name: str, unit: str, size: float) -> Parameter:
 
 
 def span(
-    name: str, unit: str, size: float, *shares: float, sizes: Sizes, twins: tuple[str, str] = ("", "")
+    name: str, unit: str, size: float, *shares: float, sizes: Sizes, reduces_to: tuple[str, str] = ("", "")
 ) -> Parameter:
     """A width that shapes an effect but does not switch it: sought from several shares of a size.
 
@@ -192,12 +192,12 @@ def span(
         size: Typical size of the signal that it is a width of.
         shares: Shares of that size from which it is sought.
         sizes: Whether data gave the size; then it keeps within ``WIDTHS`` of it.
-        twins: Stock effects that its owner equals where it is narrow, and where it is wide.
+        reduces_to: Stock effects that its owner equals where it is narrow, and where it is wide.
     """
     starts = tuple(float(size * share) for share in shares)
     least, most = (WIDTHS[0] * size, WIDTHS[1] * size) if sizes.measured else (1e-9, LARGE)
     least, most = min(least, 1.0), max(most, 1.0)  # 1 where the effect is off, whatever the size
-    return Parameter(name, unit, 1.0, least, most, 0.5 * starts[0], starts=starts, twins=twins)
+    return Parameter(name, unit, 1.0, least, most, 0.5 * starts[0], starts=starts, reduces_to=reduces_to)
 
 
 def late(name: str, s: Sizes, upper: float) -> Parameter:

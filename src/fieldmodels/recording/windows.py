@@ -95,7 +95,7 @@ class Windows:
         """Add a generalised force along the whole recording."""
         return replace(self, disturbance=disturbance)
 
-    def pushed_more(self, force: FloatArray) -> Windows:
+    def with_force(self, force: FloatArray) -> Windows:
         """Add a force to that which is added already; the columns that one of them lacks are zero."""
         if self.disturbance is None:
             return self.with_disturbance(force)

@@ -21,7 +21,7 @@ from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.excitation.agents import to_command
 from fieldagents.tasks.excitation.criteria import forecast, relative_error
 from fieldgym.excitation import ExcitationSettings
-from fieldmodels.drivers.named import flown, stepped
+from fieldmodels.drivers.named import apply_reality, stepped
 from fieldmodels.extras import needed
 from fieldmodels.files import write_text
 from fieldmodels.machines.excitation.model import ExcitationModel
@@ -142,7 +142,7 @@ def ending_errors(
     """
     model, limits = ExcitationModel(settings.preset), LIMITS[settings.limits]
     batch = len(schedules) * len(seeds)
-    around, truth = flown(model, reality, CHANNELS)
+    around, truth = apply_reality(model, reality, CHANNELS)
     shakers = Shakers(
         batch,
         settings,

@@ -21,7 +21,7 @@ from scipy.optimize import minimize_scalar
 from fieldagents.seeds import TUNING_SEEDS
 from fieldagents.tasks.heel_strike.agents import RegimeFilter, oracle_row
 from fieldgym.heel_strike import FEATURE_HIGH, FEATURE_LOW, GAIN_LOW, HeelStrikeSettings
-from fieldmodels.drivers.named import flown, stepped
+from fieldmodels.drivers.named import apply_reality, stepped
 from fieldmodels.extras import needed
 from fieldmodels.files import write_text
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
@@ -115,7 +115,7 @@ def recorded(settings: HeelStrikeSettings, seeds: range, reality: Any = None) ->
     """
     rngs = [np_random(seed)[0] for seed in seeds]
     model = HeelStrikeModel(settings.leg)
-    around, truth = flown(model, reality, CHANNELS)
+    around, truth = apply_reality(model, reality, CHANNELS)
     own = truth.vector(around)[: len(model.names)]
     stock = stepped(around, truth, CHANNELS, 1, settings.leg.step)
     return record_walks(rngs, settings.strides, settings.leg, settings.walk.regimes, own, stock=stock)

@@ -14,7 +14,7 @@ from fieldagents.tasks.line_following import search as tuning
 from fieldagents.tasks.line_following.agents import LQG_TITLE, MEMORY_TITLE, TUNED_TITLE, Linear, Lqg, tuned
 from fieldgym.line_following import LineFollowingSettings
 from fieldgym.settings import read_settings
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.machines.line_following.declaration import as_plants
 from fieldmodels.machines.line_following.model import LineFollowing
 
@@ -62,7 +62,7 @@ def lqg(settings: Mapping[str, Any], reality: Any, options: Walks) -> Lqg:
 
     The design knows the model's own effects; what stock effects do shows in the search only.
     """
-    model, truth = flown(LineFollowing(), reality)
+    model, truth = apply_reality(LineFollowing(), reality)
     plant = as_plants(truth.vector(model)[: len(LineFollowing().names)])
     trials = _trials(1, settings, reality, options)
 

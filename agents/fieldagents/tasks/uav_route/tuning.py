@@ -26,7 +26,7 @@ from fieldagents.tasks.uav_route.agents import Planner, Planning, legs, two_legs
 from fieldagents.tasks.uav_route.plan import Plan
 from fieldgym.settings import read_settings
 from fieldgym.uav_route import UavRouteSettings, actions_towards
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.machines.uav_route.model import UavRoute
 from fieldmodels.machines.uav_route.parameters import Layout, World
 
@@ -77,7 +77,7 @@ class Replanner(Planner):
 
     def __init__(self, settings: UavRouteSettings, plan: Planning, reality: Any, options: Thresholds) -> None:
         nominal = UavRoute(settings.world)
-        model, truth = flown(nominal, reality)
+        model, truth = apply_reality(nominal, reality)
         plant = nominal.plant(truth.vector(model)[: len(nominal.names)])
         bank = min(settings.bank * float(plant["weaker_bank"]["factor"]), LARGEST_BANK)
         believed = replace(settings, speed=float(plant["speed"]), bank=bank)

@@ -13,7 +13,7 @@ from fieldmodels.machines.excitation.declaration import EFFECTS, as_vehicles
 from fieldmodels.machines.excitation.parameters import DAMPING, VEHICLE, Arm, preset
 from fieldmodels.machines.excitation.sensor_effects import OUTPUTS
 from fieldmodels.machines.excitation.simulation import Runs, simulate_runs
-from fieldmodels.model import Combination, Model, Signal
+from fieldmodels.model import ForceDirection, Model, Signal
 from fieldmodels.recording import Recording, RecordingError, Windows, uniform_windows
 
 STEP = 0.0025
@@ -62,13 +62,13 @@ class ExcitationModel(Model):
     disturbance_unit = "N"
     directions = (
         *(
-            Combination(f"suspension {way}", unit, _column(column), over=SUSPENDED)
+            ForceDirection(f"suspension {way}", unit, _column(column), over=SUSPENDED)
             for column, (way, unit) in enumerate(WAYS)
         ),
-        Combination(
+        ForceDirection(
             "arm's angle", "rad", _column(ARM), over=("time", "arm_angle"), moves=True, input="arm_angle"
         ),
-        Combination("arm's way from rest", "rad", _column(WAY), over=("arm_angle",), moves=True),
+        ForceDirection("arm's way from rest", "rad", _column(WAY), over=("arm_angle",), moves=True),
     )
     lasting = 1.2
     horizons = (0.2, 0.4, 0.8)

@@ -11,7 +11,7 @@ import numpy as np
 from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.around import Surrounded
 from fieldmodels.drivers.followed import Followed
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.excitation.model import ExcitationModel, joined_runs
 from fieldmodels.machines.excitation.motion import DECISION, arm_motion
@@ -74,7 +74,7 @@ def record_experiment(
         One episode a run, with the columns of ``ExcitationModel``.
     """
     model = model or ExcitationModel()
-    around, _ = flown(model, reality)
+    around, _ = apply_reality(model, reality)
     around = around.inner if isinstance(around, Followed) else around
     if isinstance(around, Surrounded):
         RECORDED.check(model.name, around.stock)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from fieldmodels.drivers.named import flown, stepped
+from fieldmodels.drivers.named import apply_reality, stepped
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import Leg, Noise, Regimes
 from fieldmodels.machines.heel_strike.strides import CHANNELS, Strides
@@ -38,7 +38,7 @@ def record_walk(
         ModelError: For a reality that the model does not know, or if the leg falls.
     """
     model = HeelStrikeModel(leg)
-    around, truth = flown(model, reality, CHANNELS)
+    around, truth = apply_reality(model, reality, CHANNELS)
     vector = truth.vector(around)[: len(model.names)]
     stock = stepped(around, truth, CHANNELS, 1, model.leg.step)
     walker = Strides(1, model.leg, noise or Noise(), vector, stock=stock)

@@ -15,7 +15,7 @@ from fieldmodels.machines.line_following.observer import observer_gain
 from fieldmodels.machines.line_following.parameters import Camera, Gait
 from fieldmodels.machines.line_following.sensor import make_optics
 from fieldmodels.machines.line_following.simulation import OFFSET, Log, simulate
-from fieldmodels.model import Combination, Model, Signal
+from fieldmodels.model import ForceDirection, Model, Signal
 from fieldmodels.recording import Recording, Windows
 
 IntArray = NDArray[np.int64]
@@ -51,9 +51,9 @@ class LineFollowing(Model):
     effects = EFFECTS
     disturbance_unit = "rad"
     directions = (
-        Combination("turn", "rad", (1.0, 0.0, 0.0), "steering"),
-        Combination("length of a stride", "m", (0.0, 1.0, 0.0)),
-        Combination("sideways way of a stride", "m", (0.0, 0.0, 1.0)),
+        ForceDirection("turn", "rad", (1.0, 0.0, 0.0), "steering"),
+        ForceDirection("length of a stride", "m", (0.0, 1.0, 0.0)),
+        ForceDirection("sideways way of a stride", "m", (0.0, 0.0, 1.0)),
     )
     random_force = True
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.named import flown, stepped
+from fieldmodels.drivers.named import apply_reality, stepped
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.line_following.model import LineFollowing
 from fieldmodels.machines.line_following.parameters import Noise
@@ -55,7 +55,7 @@ def record_walk(
         StrayedError: If the robot leaves its line.
     """
     model = LineFollowing(None if scene is None else scene.gait, None if scene is None else scene.camera)
-    around, truth = flown(model, reality, RECORDED)
+    around, truth = apply_reality(model, reality, RECORDED)
     if scene is None:
         # a bias of the walk itself would be an effect that nobody has switched on
         scene = Scene(straight(strides * model.gait.stride + 10.0), noise=Noise(bias=0.0))

@@ -26,7 +26,7 @@ from fieldmodels.machines.pose_reaching.declaration import (
 )
 from fieldmodels.machines.pose_reaching.parameters import ROBOCUP, Wheels
 from fieldmodels.machines.pose_reaching.simulation import Log, simulate
-from fieldmodels.model import Combination, Model, Signal, Stage
+from fieldmodels.model import ForceDirection, Model, Signal, Stage
 from fieldmodels.recording import Recording, RecordingError, Windows
 
 IntArray = NDArray[np.int64]
@@ -143,23 +143,23 @@ class PoseReaching(Model):
         if self.wheel_front:
             speeds = (0.5 * radius, 0.5 * radius), (-radius / track, radius / track)
             self.sums = (
-                Combination("speed", "m/s", speeds[0]), Combination("turn rate", "rad/s", speeds[1]),
+                ForceDirection("speed", "m/s", speeds[0]), ForceDirection("turn rate", "rad/s", speeds[1]),
             )  # fmt: skip
             names = "speed", "turn rate", *(signal.name for signal in self.inputs)
         else:
             self.sums = tuple(
-                Combination(n, "m/s", (1.0, sign * 0.5 * track))
+                ForceDirection(n, "m/s", (1.0, sign * 0.5 * track))
                 for n, sign in zip(rates, (-1.0, 1.0), strict=True)
             )
             names = *(signal.name for signal in self.inputs), *rates
         on_the_ground = (
-            Combination("turn rate", "rad/s", (1.0, 0.0, 0.0, 0.0, 0.0), names[1]),
-            Combination("forward speed", "m/s", (0.0, 1.0, 0.0, 0.0, 0.0), names[0]),
-            Combination("sideways speed", "m/s", (0.0, 0.0, 1.0, 0.0, 0.0)),
-            Combination("ground's speed along x", "m/s", (0.0, 0.0, 0.0, 1.0, 0.0)),
-            Combination("ground's speed along y", "m/s", (0.0, 0.0, 0.0, 0.0, 1.0)),
-            Combination("left wheel", "m/s", (-1.0 / track, 0.5, 0.0, 0.0, 0.0), names[2]),
-            Combination("right wheel", "m/s", (1.0 / track, 0.5, 0.0, 0.0, 0.0), names[3]),
+            ForceDirection("turn rate", "rad/s", (1.0, 0.0, 0.0, 0.0, 0.0), names[1]),
+            ForceDirection("forward speed", "m/s", (0.0, 1.0, 0.0, 0.0, 0.0), names[0]),
+            ForceDirection("sideways speed", "m/s", (0.0, 0.0, 1.0, 0.0, 0.0)),
+            ForceDirection("ground's speed along x", "m/s", (0.0, 0.0, 0.0, 1.0, 0.0)),
+            ForceDirection("ground's speed along y", "m/s", (0.0, 0.0, 0.0, 0.0, 1.0)),
+            ForceDirection("left wheel", "m/s", (-1.0 / track, 0.5, 0.0, 0.0, 0.0), names[2]),
+            ForceDirection("right wheel", "m/s", (1.0 / track, 0.5, 0.0, 0.0, 0.0), names[3]),
         )
         self.directions = tuple(replace(c, weights=(*c.weights, 0.0, 0.0)) for c in on_the_ground)
         of_the_drive = [

@@ -12,7 +12,7 @@ from fieldmodels.arrays import FloatArray
 from fieldmodels.machines.uav_route.declaration import EFFECTS, as_plants, base_parameters
 from fieldmodels.machines.uav_route.parameters import World, kernel_world
 from fieldmodels.machines.uav_route.simulation import Commands, simulate
-from fieldmodels.model import Combination, Model, Signal
+from fieldmodels.model import ForceDirection, Model, Signal
 from fieldmodels.recording import Recording, Windows, uniform_windows
 
 IntArray = NDArray[np.int64]
@@ -49,10 +49,10 @@ class UavRoute(Model):
     horizons = (40.0, 120.0, 300.0)
     disturbance_unit = "m/s"
     directions = (
-        Combination("speed along the course", "m/s", (1.0, 0.0, 0.0, 0.0)),
-        Combination("speed to the right", "m/s", (0.0, 1.0, 0.0, 0.0)),
-        Combination("wind to the north", "m/s", (0.0, 0.0, 1.0, 0.0)),
-        Combination("wind to the east", "m/s", (0.0, 0.0, 0.0, 1.0)),
+        ForceDirection("speed along the course", "m/s", (1.0, 0.0, 0.0, 0.0)),
+        ForceDirection("speed to the right", "m/s", (0.0, 1.0, 0.0, 0.0)),
+        ForceDirection("wind to the north", "m/s", (0.0, 0.0, 1.0, 0.0)),
+        ForceDirection("wind to the east", "m/s", (0.0, 0.0, 0.0, 1.0)),
     )
 
     def __init__(self, world: World | None = None) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.named import flown, stepped
+from fieldmodels.drivers.named import apply_reality, stepped
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.machines.uav_route import detection, signature
 from fieldmodels.machines.uav_route.model import DETECTED, GAP, UavRoute
@@ -77,7 +77,7 @@ def record_flight(
     if not (step > 0 and episodes >= 1 and duration >= 10 * step):
         raise ModelError(f"an episode needs at least 10 samples, not {duration:g} s in steps of {step:g} s")
     model = UavRoute()
-    around, truth = flown(model, reality, RECORDED)
+    around, truth = apply_reality(model, reality, RECORDED)
     stock = stepped(around, truth, RECORDED, 1, step)
     values = dict(zip(around.names, truth.vector(around).tolist(), strict=True))
     interval = model.world.detection.scan_interval * values["scan_interval.factor"]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fieldgym import find_task
-from fieldmodels.drivers.named import flown
+from fieldmodels.drivers.named import apply_reality
 from fieldmodels.registry import get_model
 
 LEAST, NAMED = 0.003, 4.0
@@ -27,7 +27,7 @@ UNSAID, EXACT = (0.0, 1.0), (0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Told:
+class Condition:
     """A parameter that a policy is told of.
 
     Attributes:
@@ -52,21 +52,21 @@ class Told:
         return np.stack([away, np.broadcast_to(sure, away.shape)], axis=-1)
 
 
-def told_of(task: str, reality: Any) -> tuple[Told, ...]:
+def conditions_of(task: str, reality: Any) -> tuple[Condition, ...]:
     """All parameters that a task's random reality draws, in its model's order.
 
     Raises:
         ValueError: If observations are turned, and of an effect's ``north`` and ``east`` one is not drawn as
             the other is.
     """
-    model, drawn = flown(get_model(find_task(task).model), reality)
+    model, drawn = apply_reality(get_model(find_task(task).model), reality)
     lowest, highest = drawn.extremes(model)
     found = []
     for i in drawn.samplers(model):
         effect, _, name = model.names[i].rpartition(".")
         neutral = float(np.clip(model.all_parameters[i].nominal, lowest[i], highest[i]))
         by = find_task(task).turned_by if name in NORTH_EAST else ""
-        found.append(Told(effect or "parameters", name, neutral, float(highest[i] - lowest[i]) / 2, by))
+        found.append(Condition(effect or "parameters", name, neutral, float(highest[i] - lowest[i]) / 2, by))
     for one in found:
         if one.turned_by and sum(replace(one, name=name) in found for name in NORTH_EAST) < 2:
             raise ValueError(
@@ -76,16 +76,16 @@ def told_of(task: str, reality: Any) -> tuple[Told, ...]:
     return tuple(found)
 
 
-def said(told: Iterable[Told], found: Mapping[str, Mapping[str, Any]]) -> NDArray[np.float32]:
+def said(conditions: Iterable[Condition], found: Mapping[str, Mapping[str, Any]]) -> NDArray[np.float32]:
     """What a diagnosis says, shape (2 parameters,).
 
     Args:
-        told: What the policy is told of.
+        conditions: What the policy is told of.
         found: Effects to their parameters, each with its ``value`` and ``std``, as ``extended.yaml`` holds
             them. Of an effect that is not among them nothing is said.
     """
     numbers = []
-    for one in told:
+    for one in conditions:
         entry = found.get(one.effect, {}).get(one.name)
         if entry is None or entry["value"] is None:
             numbers.append(np.array(UNSAID))
@@ -95,19 +95,19 @@ def said(told: Iterable[Told], found: Mapping[str, Mapping[str, Any]]) -> NDArra
     return np.concatenate(numbers).astype(np.float32)
 
 
-def known(told: Iterable[Told], reality: Mapping[str, Mapping[str, float]]) -> NDArray[np.float32]:
+def known(conditions: Iterable[Condition], reality: Mapping[str, Mapping[str, float]]) -> NDArray[np.float32]:
     """What one knows who knows a reality, shape (2 parameters,); what it does not name is neutral."""
-    numbers = [one.numbers(reality.get(one.effect, {}).get(one.name, one.neutral), 0.0) for one in told]
+    numbers = [one.numbers(reality.get(one.effect, {}).get(one.name, one.neutral), 0.0) for one in conditions]
     return np.concatenate(numbers).astype(np.float32)
 
 
 def turned(
-    told: Sequence[Told], numbers: NDArray[np.float32], info: Mapping[str, Any]
+    conditions: Sequence[Condition], numbers: NDArray[np.float32], info: Mapping[str, Any]
 ) -> NDArray[np.float32]:
     """What is told, as observations are turned: instead of north and east, ahead and to the right.
 
     Args:
-        told: What policies are told of.
+        conditions: What policies are told of.
         numbers: Shape (rows, 2 parameters).
         info: Of these rows.
 
@@ -118,8 +118,8 @@ def turned(
     Raises:
         ValueError: If the angle is not in ``info``, once a row.
     """
-    result = np.array(numbers, dtype=np.float32).reshape(len(numbers), len(told), 2)
-    for k, one in enumerate(told):
+    result = np.array(numbers, dtype=np.float32).reshape(len(numbers), len(conditions), 2)
+    for k, one in enumerate(conditions):
         if not one.turned_by or one.name == "east":
             continue
         angle = np.asarray(info.get(one.turned_by, np.nan), dtype=np.float64)
@@ -129,7 +129,7 @@ def turned(
                 f"{len(numbers)} rows: give act the info of the step, of a single aircraft or robot a row"
             )
         cosine, sine = np.cos(angle), np.sin(angle)
-        east = told.index(replace(one, name="east"))
+        east = conditions.index(replace(one, name="east"))
         (north_by, north_error), (east_by, east_error) = result[:, k].T.copy(), result[:, east].T.copy()
         result[:, k, 0] = north_by * cosine + east_by * sine
         result[:, east, 0] = east_by * cosine - north_by * sine
@@ -138,7 +138,9 @@ def turned(
     return result.reshape(numbers.shape)
 
 
-def simulated(told: Sequence[Told], reality: Mapping[str, Mapping[str, Any]]) -> NDArray[np.float32]:
+def simulated(
+    conditions: Sequence[Condition], reality: Mapping[str, Mapping[str, Any]]
+) -> NDArray[np.float32]:
     """What diagnoses of random realities might say.
 
     Standard errors are drawn by their logarithm, two thirds of which all parameters of a row share: a record
@@ -146,24 +148,27 @@ def simulated(told: Sequence[Told], reality: Mapping[str, Mapping[str, Any]]) ->
     would name. Rows of equal truths are told the same.
 
     Args:
-        told: What policies are told of.
+        conditions: What policies are told of.
         reality: The truth, arrays of shape (rows,).
 
     Returns:
         Shape (rows, 2 parameters).
     """
-    truth = [np.asarray(reality[one.effect][one.name], dtype=np.float64) for one in told]
+    truth = [np.asarray(reality[one.effect][one.name], dtype=np.float64) for one in conditions]
     key = np.zeros(len(truth[0]), dtype=np.uint64)
     for column in truth:
         key = _mixed(key ^ column.view(np.uint64))
     names_only, quality = _luck(key, 0) < 0.5, _luck(key, 1)
-    numbers, stands_out = [], dict.fromkeys((one.effect for one in told), np.zeros(len(key), dtype=np.bool_))
-    for k, (one, true) in enumerate(zip(told, truth, strict=True)):
+    numbers, stands_out = (
+        [],
+        dict.fromkeys((one.effect for one in conditions), np.zeros(len(key), dtype=np.bool_)),
+    )
+    for k, (one, true) in enumerate(zip(conditions, truth, strict=True)):
         error = LEAST ** ((2 * quality + _luck(key, 2 * k + 2)) / 3) * one.spread
         estimate = true + error * _normal(_luck(key, 2 * k + 3))
         numbers.append(one.numbers(estimate, error))
         stands_out[one.effect] = stands_out[one.effect] | (np.abs(estimate - one.neutral) > NAMED * error)
-    for one, row in zip(told, numbers, strict=True):
+    for one, row in zip(conditions, numbers, strict=True):
         row[names_only & ~stands_out[one.effect]] = UNSAID
     return np.concatenate(numbers, axis=-1).astype(np.float32)
 

@@ -14,30 +14,30 @@ from numpy.typing import NDArray
 
 from fieldagents.agent import Agent
 from fieldagents.learned.config import TrainConfig
+from fieldagents.policies.conditioned import Condition, conditions_of, simulated, turned
 from fieldagents.policies.policy import OnnxAgent
-from fieldagents.policies.told import Told, simulated, told_of, turned
 from fieldgym.info import part
 
 
-def told_in(config: TrainConfig) -> tuple[Told, ...]:
+def conditions_in(config: TrainConfig) -> tuple[Condition, ...]:
     """What a policy of a config is told of; nothing unless the config says so."""
-    return told_of(config.task, config.environment.reality) if config.told else ()
+    return conditions_of(config.task, config.environment.reality) if config.conditioned else ()
 
 
-class Telling(VectorWrapper):
+class Conditioning(VectorWrapper):
     """Environments of a random reality that tell what a diagnosis of it might say; see `simulated`.
 
     Attributes:
-        told: Of what they tell.
+        conditions: Of what they tell.
 
     Raises:
         ValueError: If observations have more than one dimension.
     """
 
-    def __init__(self, env: VectorEnv[Any, Any, Any], told: Sequence[Told]) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], conditions: Sequence[Condition]) -> None:
         super().__init__(env)
-        self.told = told
-        space, more = env.single_observation_space, np.full(2 * len(told), np.inf, dtype=np.float32)
+        self.conditions = conditions
+        space, more = env.single_observation_space, np.full(2 * len(conditions), np.inf, dtype=np.float32)
         if not isinstance(space, Box) or len(space.shape) != 1:
             raise ValueError(f"a diagnosis is told beside observations of one dimension, not {space}")
         self.single_observation_space = Box(np.append(space.low, -more), np.append(space.high, more))
@@ -46,16 +46,16 @@ class Telling(VectorWrapper):
     def reset(self, **how: Any) -> tuple[Any, dict[str, Any]]:
         """See ``VectorEnv.reset``."""
         observation, info = self.env.reset(**how)
-        return self._tell(observation, info), info
+        return self._condition(observation, info), info
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """See ``VectorEnv.step``."""
         observation, *rest, info = self.env.step(actions)
-        return self._tell(observation, info), *rest, info
+        return self._condition(observation, info), *rest, info
 
-    def _tell(self, observation: Any, info: dict[str, Any]) -> Any:
-        numbers = simulated(self.told, part(info, "privileged.reality"))
-        return np.concatenate([observation, turned(self.told, numbers, info)], axis=1)
+    def _condition(self, observation: Any, info: dict[str, Any]) -> Any:
+        numbers = simulated(self.conditions, part(info, "privileged.reality"))
+        return np.concatenate([observation, turned(self.conditions, numbers, info)], axis=1)
 
 
 class Diagnosed(Agent):
@@ -84,10 +84,10 @@ class Diagnosed(Agent):
 
     def act(self, observation: NDArray[Any], info: Mapping[str, Any]) -> NDArray[Any]:
         """See ``Agent.act``."""
-        self._policy.diagnosis = simulated(self._policy.told, part(info, "privileged.reality"))
+        self._policy.diagnosis = simulated(self._policy.conditions, part(info, "privileged.reality"))
         return self._policy.act(observation, info)
 
 
 def as_trained(policy: OnnxAgent) -> Agent:
     """A policy as it was trained: with a simulated diagnosis, if it is told one."""
-    return Diagnosed(policy) if policy.told else policy
+    return Diagnosed(policy) if policy.conditions else policy

@@ -61,7 +61,7 @@ class _Typing(Context):
         return known
 
 
-class SettledCompiler(Compiler):
+class MemoisingCompiler(Compiler):
     """Numba's own, but for these."""
 
     def __init__(

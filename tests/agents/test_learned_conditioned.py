@@ -11,17 +11,17 @@ pytest.importorskip("stable_baselines3")
 from fieldagents.agent import Agent, visible
 from fieldagents.config import EnvironmentConfig
 from fieldagents.evaluation.episodes import run_episodes
+from fieldagents.learned.conditioning import Conditioning, Diagnosed, conditions_in
 from fieldagents.learned.config import VALIDATION_SEEDS, TrainConfig
 from fieldagents.learned.session import run_training
-from fieldagents.learned.telling import Diagnosed, Telling, told_in
 from fieldagents.learned.training import prepare, train
+from fieldagents.policies.conditioned import LEAST, NAMED, Condition, known, said, simulated
 from fieldagents.policies.policy import OnnxAgent
-from fieldagents.policies.told import LEAST, NAMED, Told, known, said, simulated
 from fieldagents.retune import reality
 from fieldagents.retune.config import RealitiesConfig
 from fieldagents.retune.realities import close_loops
-from fieldagents.retune.trained import Telling as Options
-from fieldagents.retune.trained import tell, tuner_of, wrong_telling
+from fieldagents.retune.trained import Conditioning as Options
+from fieldagents.retune.trained import condition, tuner_of, wrong_conditioning
 from fieldgym import find_task
 from fieldmodels.yaml import save_yaml
 
@@ -36,14 +36,14 @@ CONFIG = {
     "num_envs": 4,
     "twins": 2,
     "checkpoint_every": 1,
-    "told": True,
+    "conditioned": True,
     "environment": {"settings": {"timeout": 1.0}, "reality": REALITY},
     "learner": {"n_steps": 16, "batch_size": 64, "n_epochs": 2},
     "network": {"hidden": [8]},
     "validation": {"every": 2, "episodes": 4},
 }
-TOLD = (Told("turn_gain", "gain", 1.0, 0.5), Told("heading_bias", "angle", 0.0, 0.25))
-WIND = (Told("wind", "north", 0.0, 15.0), Told("wind", "east", 0.0, 15.0))
+TOLD = (Condition("turn_gain", "gain", 1.0, 0.5), Condition("heading_bias", "angle", 0.0, 0.25))
+WIND = (Condition("wind", "north", 0.0, 15.0), Condition("wind", "east", 0.0, 15.0))
 NOTHING = [0, 1, 0, 1]
 
 
@@ -57,8 +57,8 @@ def run(tmp_path_factory):
 
 
 def test_a_policy_is_told_of_what_the_reality_draws_in_units_of_half_its_range():
-    assert told_in(TrainConfig(**CONFIG)) == TOLD
-    assert told_in(TrainConfig(**{**CONFIG, "told": False})) == ()
+    assert conditions_in(TrainConfig(**CONFIG)) == TOLD
+    assert conditions_in(TrainConfig(**{**CONFIG, "conditioned": False})) == ()
     found = {
         "turn_gain": {"gain": {"value": 0.8, "std": 0.04}},
         "gyro_bias": {"rate": {"value": 1, "std": 1}},
@@ -72,7 +72,7 @@ def test_a_policy_is_told_of_what_the_reality_draws_in_units_of_half_its_range()
 
 def test_of_a_limit_that_is_nominally_out_of_reach_the_farthest_that_was_drawn_is_none():
     limit = {"actuator_saturation": {"limit": {"choice": [1.5, {"uniform": [0.3, 1.0]}]}}}
-    (one,) = told = told_in(TrainConfig(**{**CONFIG, "environment": {"reality": limit}}))
+    (one,) = told = conditions_in(TrainConfig(**{**CONFIG, "environment": {"reality": limit}}))
     assert (one.neutral, one.spread) == (1.5, pytest.approx(0.6))
     assert known(told, {}).tolist() == [0, 0]
     found = {"actuator_saturation": {"limit": {"value": 0.6, "std": 0.03}}}
@@ -115,7 +115,7 @@ def test_what_does_not_stand_out_is_not_named_in_half_of_them_and_an_effect_is_n
 class Watching(Agent):
     """Keeps what it is given, as a policy would be."""
 
-    name, sees, told = "watching", "diagnosis", TOLD
+    name, sees, conditions = "watching", "diagnosis", TOLD
 
     def __init__(self):
         self.seen, self.infos, self.diagnosis = [], [], None
@@ -128,7 +128,7 @@ class Watching(Agent):
 
 def environments(rows):
     settings = {"timeout": 0.5}
-    return Telling(find_task("pose_reaching").make_vec(rows, settings=settings, reality=REALITY), TOLD)
+    return Conditioning(find_task("pose_reaching").make_vec(rows, settings=settings, reality=REALITY), TOLD)
 
 
 def test_training_and_validation_tell_the_same_and_a_batch_what_single_rows_are_told():
@@ -164,18 +164,18 @@ def test_the_right_to_a_diagnosis_is_no_right_to_anything_of_info_but_the_angle_
 
 def test_a_policy_takes_the_tasks_observation_and_acts_by_what_it_is_told(run):
     policy = OnnxAgent(run / "policy.onnx")
-    assert (policy.shape, policy.told, policy.sees) == ((7,), TOLD, "diagnosis")
+    assert (policy.shape, policy.conditions, policy.sees) == ((7,), TOLD, "diagnosis")
     assert policy.diagnosis.tolist() == NOTHING
     observation = np.random.default_rng(0).normal(size=(3, 7)).astype(np.float32)
     untold = policy.act(observation, {})
-    policy.tell({"heading_bias": {"angle": {"value": 0.2, "std": 0.01}}})
+    policy.condition({"heading_bias": {"angle": {"value": 0.2, "std": 0.01}}})
     told = policy.act(observation, {})
     assert np.abs(told - untold).max() > 1e-4
     alone = np.concatenate([policy.act(observation[k : k + 1], {}) for k in range(3)])
     np.testing.assert_allclose(alone, told, atol=1e-6)
-    policy.tell({})
+    policy.condition({})
     np.testing.assert_array_equal(policy.act(observation, {}), untold)
-    blind = train(TrainConfig(**{**CONFIG, "told": False}), progress=False, out=run.parent / "blind")
+    blind = train(TrainConfig(**{**CONFIG, "conditioned": False}), progress=False, out=run.parent / "blind")
     assert OnnxAgent(blind / "policy.onnx").sees == "observation"
 
 
@@ -190,7 +190,7 @@ MEMORIES = (
 def test_policies_with_a_memory_are_told_too(memory, tmp_path):
     made = train(TrainConfig(**{**CONFIG, **memory}), progress=False, out=tmp_path / "run")
     policy = OnnxAgent(made / "policy.onnx")
-    assert (policy.shape, policy.told) == ((7,), TOLD)
+    assert (policy.shape, policy.conditions) == ((7,), TOLD)
     seen = run_episodes(
         Diagnosed(policy), "pose_reaching", TrainConfig(**CONFIG).environment, VALIDATION_SEEDS[:4]
     )
@@ -229,7 +229,7 @@ def test_images_leave_no_place_for_what_is_told(tmp_path):
 
 def test_a_policy_is_told_of_a_reality_what_its_role_knows(run, tmp_path):
     tuner = tuner_of("pose_reaching", str(run))
-    assert tuner.told
+    assert tuner.conditioned
     extended = tmp_path / "extended.yaml"
     found = {"turn_gain": {"gain": {"value": 1.2, "std": 0.02, "unit": "1"}}}
     save_yaml({"schema": 1, "model": "pose_reaching", "parameters": {}, "effects": found}, extended)
@@ -240,11 +240,11 @@ def test_a_policy_is_told_of_a_reality_what_its_role_knows(run, tmp_path):
     assert told(None) == [0, 0, 0, 0]
     assert told({"heading_bias": {"angle": 0.125}}) == [0, 0, 0.5, 0]
     assert told(str(extended)) == pytest.approx([0.4, 0.04, 0, 1])
-    assert told(str(extended), told=False) == NOTHING
-    assert tell("pose_reaching", str(run), {}, None, Options(nominal="sac", run=2)).name == "sac"
-    assert wrong_telling("pose_reaching", tuner, {"nominal": "sac"}) == ""
-    assert "did you mean 'sac'" in wrong_telling("pose_reaching", tuner, {"nominal": "sax"})
-    assert "has 1 training runs, numbered from 0" in wrong_telling("pose_reaching", tuner, {"run": 1})
+    assert told(str(extended), conditioned=False) == NOTHING
+    assert condition("pose_reaching", str(run), {}, None, Options(nominal="sac", run=2)).name == "sac"
+    assert wrong_conditioning("pose_reaching", tuner, {"nominal": "sac"}) == ""
+    assert "did you mean 'sac'" in wrong_conditioning("pose_reaching", tuner, {"nominal": "sax"})
+    assert "has 1 training runs, numbered from 0" in wrong_conditioning("pose_reaching", tuner, {"run": 1})
     with pytest.raises(ValueError, match="train it, and name its run's folder"):
         tuner_of("line_following", "line_following/conditioned")
 
@@ -267,7 +267,7 @@ def test_where_a_diagnosis_names_nothing_the_policy_acts_untold(run, tmp_path, m
         "seeds": "tuning",
     }
     result = close_loops(RealitiesConfig.model_validate(config), tmp_path)
-    assert "if told the diagnosis of each" in result.sentence()
+    assert "if given the diagnosis of each" in result.sentence()
     assert len(result.of_runs) == 1
     episodes = pd.read_parquet(tmp_path / "realities.parquet").set_index("agent")["return"]
     untold = OnnxAgent(run / "policy.onnx")
