@@ -68,6 +68,8 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
             errors.append(error)
         if "monkeypatch" in given:
             given["monkeypatch"].undo()
+        if errors and pyfuncitem.config.getoption("maxfail"):
+            break
     if errors:
         raise BaseExceptionGroup(f"{len(errors)} of {len(cases)} cases", errors)
     return True if cases else None

@@ -178,8 +178,8 @@ def test_the_example_on_the_page_of_python_prints_what_it_says(tmp_path, monkeyp
     assert (tmp_path / "model.py").exists()
 
 
-def test_config_on_the_cli_page_records(tmp_path):
-    block = next(part for part in (DOCS / "cli.md").read_text().split("```yaml\n") if "stiff_bench" in part)
+def test_the_first_config_of_ones_own_bench_records(tmp_path):
+    block = (DOCS / "bring_your_own_bench.md").read_text().split("```yaml\n")[1]
     (tmp_path / "record.yaml").write_text(block.split("```")[0])
     result = CliRunner().invoke(app, ["record", str(tmp_path / "record.yaml"), "--out", str(tmp_path)])
     assert result.exit_code == 0, result.output
