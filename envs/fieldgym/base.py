@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import copy
 from pathlib import Path
 from types import MappingProxyType
@@ -25,9 +25,12 @@ from numpy.typing import NDArray
 
 from fieldgym.info import InfoLike, complete, merged, row
 from fieldgym.randomisation import EpisodeParameters
+from fieldgym.stock import ConfiguredModel, configure_model
 from fieldmodels.compiled import allocation_free
 from fieldmodels.drivers.stepped import Channels, Stepped
+from fieldmodels.model import Model
 from fieldmodels.reality import Reality
+from fieldmodels.sampling import Sampler
 
 if TYPE_CHECKING:
     from fieldgym.rendering.canvas import Frame, Window
@@ -63,6 +66,8 @@ class BatchTask(ABC):
         stock: The stock effects that the reality puts there; None if it names none.
         options: Names of the options that ``reset`` takes.
         keyed_once: True if one key serves all episodes of a row's generator, not one each.
+        longest: The setting that is the most steps of an episode.
+        simulated: What simulates the rows, by default told their keys, parameters and threads.
     """
 
     settings: Any
@@ -73,22 +78,42 @@ class BatchTask(ABC):
     stock: Stepped | None = None
     options: ClassVar[tuple[str, ...]] = ()
     keyed_once: ClassVar[bool] = False
+    longest: ClassVar[str] = ""
+    simulated: Any
 
     @abstractmethod
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         """Make a batch; ``drawing`` says whether pictures will be asked for."""
 
+    def configure(
+        self,
+        batch: int,
+        reality: RealityLike,
+        samplers: Mapping[str, Sampler],
+        model: Model,
+        step: float,
+        model_of: Callable[[Any], Model] | None = None,
+    ) -> ConfiguredModel:
+        """Take over a reality and what is drawn; see `configure_model` and `EpisodeParameters`."""
+        truth = configure_model(reality, model, self.channels, batch, step)
+        self.reality, self.stock = truth.reality, truth.stock
+        around = model_of and (lambda own: truth.around(model_of(own)))
+        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers, around)
+        return truth
+
     @abstractmethod
     def spaces(self) -> tuple[Box, Box]:
         """Action and observation space of one environment."""
 
-    def use_threads(self, threads: int) -> None:  # noqa: B027 - most kernels take less than a thread's start
+    def use_threads(self, threads: int) -> None:
         """Let rows advance on threads, side by side and equal to the bit, where that is faster."""
+        if hasattr(self.simulated, "threads"):  # most kernels take less than a thread's start
+            self.simulated.threads = threads
 
     @property
-    @abstractmethod
     def most_steps(self) -> int:
         """Most steps that an episode can have, whatever is drawn."""
+        return int(self.largest(self.longest))
 
     def largest(self, setting: str) -> float:
         """Largest value that a setting, or a property of the settings, can have in an episode."""
@@ -136,9 +161,9 @@ class BatchTask(ABC):
             for i in rows:
                 self.set_settings(i, self.drawn.settings[i])
 
-    @abstractmethod
     def set_reality(self, rows: list[int], vectors: Floats) -> None:
         """Give some rows other true parameters, shape (len(rows), n), before their next episode."""
+        self.simulated.set_reality(rows, vectors)
 
     def resume(self, rows: list[int], vectors: Floats) -> None:
         """Put in force what time had made of the parameters of some rows, shape (len(rows), n)."""
@@ -148,9 +173,9 @@ class BatchTask(ABC):
         """Give one row other settings before its next episode; only those that may be drawn differ."""
         raise NotImplementedError
 
-    @abstractmethod
     def draw_key(self, row: int, generator: np.random.Generator) -> None:
         """Draw the key of a row's noise, and all else that the task draws from its generator."""
+        self.simulated.seed(row, generator)
 
     @abstractmethod
     def begin(self, rows: list[int]) -> None:

@@ -92,7 +92,9 @@ class BenchTask(BatchTask):
         self.command = self.settings.command or largest
         self.reach = self.settings.reach or typical
         self.steps: int = max(1, round(self.settings.duration / self.settings.step))
-        self.driver = BatchDriver(machine, self.drawn.vectors, self.settings.step, self.command)
+        self.simulated = self.driver = BatchDriver(
+            machine, self.drawn.vectors, self.settings.step, self.command
+        )
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self._keys = np.zeros(batch, dtype=np.uint64)
         self._noise = np.zeros((batch, self.steps + 1, len(outputs)))

@@ -20,9 +20,7 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Box, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.info import Info
-from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import configure_model
 from fieldmodels.compiled import allocation_free, allocation_free_inlined
 from fieldmodels.machines.excitation.model import ExcitationModel
 from fieldmodels.machines.excitation.motion import DECISION
@@ -46,7 +44,7 @@ from fieldmodels.machines.excitation.shaker import (
     Shakers,
     error_percent,
 )
-from fieldmodels.model import Model, ModelError
+from fieldmodels.model import ModelError
 from fieldmodels.settings import Setting, code, kernel_rows
 
 if TYPE_CHECKING:
@@ -194,24 +192,18 @@ class _ExcitationTask(BatchTask):
 
     settings: ExcitationSettings
     channels = CHANNELS
+    longest = "decisions"
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, ExcitationSettings)
-        model = model_of(self.settings)
-        truth = configure_model(reality, model, self.channels, batch, FINEST)
-        self.reality, self.stock = truth.reality, truth.stock
-
-        def around(own: ExcitationSettings) -> Model:
-            return truth.around(model_of(own))
-
-        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers, around)
+        truth = self.configure(batch, reality, samplers, model_of(self.settings), FINEST, model_of)
         others = {one.preset for one in self.drawn.extremes()} - {DIAGNOSED}
         if isinstance(reality, str | Path) and self.reality.base and others:
             raise ModelError(
                 f"{reality}: its base parameters are of the vehicle {DIAGNOSED!r}, the one diagnosed, but "
                 f"the environment's is {min(others)!r}; set preset: {DIAGNOSED}"
             )
-        self.shakers = Shakers(
+        self.simulated = self.shakers = Shakers(
             batch,
             self.settings,
             truth.typical,
@@ -227,25 +219,12 @@ class _ExcitationTask(BatchTask):
         if drawing:
             self._traces = [deque(maxlen=self.most_steps) for _ in range(batch)]
 
-    def use_threads(self, threads: int) -> None:
-        """See ``BatchTask.use_threads``."""
-        self.shakers.threads = threads
-
-    @property
-    def most_steps(self) -> int:
-        """See ``BatchTask.most_steps``."""
-        return int(self.largest("decisions"))
-
     def spaces(self) -> tuple[Box, Box]:
         """Action and observation space of one vehicle."""
         low = np.r_[np.full(UNKNOWNS, -MEAN_BOUND), np.full(UNKNOWNS, LOG_LOW), [-1, -1, -1, -1, -1, 0]]
         high = np.r_[np.full(UNKNOWNS, MEAN_BOUND), np.full(UNKNOWNS, LOG_HIGH), [1, 1, 1, 1, 1, 1]]
         seen = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         return Box(-1.0, 1.0, (3,), np.float32), seen
-
-    def set_reality(self, rows: list[int], vectors: Floats) -> None:
-        """See ``BatchTask.set_reality``."""
-        self.shakers.set_reality(rows, vectors)
 
     def resume(self, rows: list[int], vectors: Floats) -> None:
         """See ``BatchTask.resume``; a snapshot holds the vehicles as they have become."""
@@ -254,10 +233,6 @@ class _ExcitationTask(BatchTask):
         """See ``BatchTask.set_settings``."""
         self.shakers.set_rules(row, settings)
         self._rules[row] = _rules(settings, 1)[0]
-
-    def draw_key(self, row: int, generator: np.random.Generator) -> None:
-        """Draw what keys a vehicle and its noise."""
-        self.shakers.seed(row, generator)
 
     def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some vehicles."""

@@ -19,9 +19,7 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.info import Info
-from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import configure_model
 from fieldmodels.compiled import compiled
 from fieldmodels.machines.heel_strike.model import HeelStrikeModel
 from fieldmodels.machines.heel_strike.parameters import CollisionKind, Leg, PushOff, Regimes
@@ -197,15 +195,14 @@ class _HeelStrikeTask(BatchTask):
 
     settings: HeelStrikeSettings
     channels = CHANNELS
+    longest = "strides"
 
     def __init__(self, batch: int, settings: SettingsLike, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, HeelStrikeSettings)
         model = HeelStrikeModel(self.settings.leg)
-        truth = configure_model(reality, model, self.channels, batch, model.leg.step)
-        self.reality, self.stock = truth.reality, truth.stock
-        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers)
+        truth = self.configure(batch, reality, samplers, model, model.leg.step)
         walk = self.settings.walk
-        self.strides = Strides(
+        self.simulated = self.strides = Strides(
             batch,
             walk.leg,
             walk.regimes,
@@ -227,32 +224,15 @@ class _HeelStrikeTask(BatchTask):
         self._tracing = drawing
         self.kept: list[deque[Stride]] = [deque(maxlen=STRIDES_KEPT) for _ in range(batch)]
 
-    def use_threads(self, threads: int) -> None:
-        """See ``BatchTask.use_threads``."""
-        self.strides.threads = threads
-
-    @property
-    def most_steps(self) -> int:
-        """See ``BatchTask.most_steps``."""
-        return int(self.largest("strides"))
-
     def spaces(self) -> tuple[Box, Box]:
         """Three gains; the features of the reference filter."""
         action = Box(-1.0, 1.0, (len(GAIN_NAMES),), np.float32)
         return action, Box(FEATURE_LOW, FEATURE_HIGH, (len(FEATURES),), np.float32)
 
-    def set_reality(self, rows: list[int], vectors: Floats) -> None:
-        """See ``BatchTask.set_reality``."""
-        self.strides.set_reality(rows, vectors)
-
     def set_settings(self, row: int, settings: Any) -> None:
         """See ``BatchTask.set_settings``."""
         self.strides.set_walk(row, settings.walk)
         self._rules[row] = _rules(settings, 1)[0]
-
-    def draw_key(self, row: int, generator: np.random.Generator) -> None:
-        """Draw what keys a walk."""
-        self.strides.seed(row, generator)
 
     def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some walkers."""

@@ -18,9 +18,7 @@ from pydantic.dataclasses import dataclass
 
 from fieldgym.base import BatchTask, Flags, Floats, Outcome, RealityLike, TaskEnv, TaskVectorEnv
 from fieldgym.info import Info
-from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import configure_model
 from fieldmodels.compiled import compiled
 from fieldmodels.drivers.stepped import Channels
 from fieldmodels.machines.line_following.body import Friction, Hardware, MotorTorque
@@ -205,19 +203,18 @@ class _LineFollowingTask(BatchTask):
 
     settings: LineFollowingSettings
     channels = CHANNELS
+    longest = "strides"
     pixels = False
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, LineFollowingSettings)
         scene = self.settings.scene(self.pixels)
         model = LineFollowing(scene.gait, scene.camera)
-        truth = configure_model(reality, model, self.channels, batch, scene.gait.stride_time)
-        self.reality, self.stock = truth.reality, truth.stock
-        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers)
+        truth = self.configure(batch, reality, samplers, model, scene.gait.stride_time)
         self._track = scene.track
         self._bends = scene.track.bends, scene.track.spacing, scene.track.closed
         self._look_ahead, self._stride = scene.camera.look_ahead, scene.gait.stride
-        self.walks = Walks(batch, scene, truth.typical, truth.stock)
+        self.simulated = self.walks = Walks(batch, scene, truth.typical, truth.stock)
         self._rules = kernel_rows(self.settings, batch)
         self.elapsed = np.zeros(batch, dtype=np.int64)
         self._tallies = np.zeros((batch, 4))
@@ -226,11 +223,6 @@ class _LineFollowingTask(BatchTask):
             deque(maxlen=TRAIL) for _ in range(batch)
         ]
         self._operator: dict[str, Any] = {}
-
-    @property
-    def most_steps(self) -> int:
-        """See ``BatchTask.most_steps``."""
-        return int(self.largest("strides"))
 
     def spaces(self) -> tuple[Box, Box]:
         """One turn; what the camera board sent, or the image."""
@@ -241,18 +233,10 @@ class _LineFollowingTask(BatchTask):
             return action, Box(0, 255, (camera.rows, camera.width, channels), np.uint8)
         return action, Box(-OBSERVED, OBSERVED, (4 + 5 * self.settings.bands,), np.float32)
 
-    def set_reality(self, rows: list[int], vectors: Floats) -> None:
-        """See ``BatchTask.set_reality``."""
-        self.walks.set_reality(rows, vectors)
-
     def set_settings(self, row: int, settings: Any) -> None:
         """See ``BatchTask.set_settings``."""
         self.walks.set_scene(row, settings.scene(self.pixels, self._track))
         self._rules[row] = kernel_rows(settings, 1)[0]
-
-    def draw_key(self, row: int, generator: np.random.Generator) -> None:
-        """Draw what keys a walk."""
-        self.walks.seed(row, generator)
 
     def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some walks."""

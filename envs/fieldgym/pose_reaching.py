@@ -28,9 +28,7 @@ from fieldgym.base import (
     VectorStep,
 )
 from fieldgym.info import Info, complete
-from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import configure_model
 from fieldmodels.machines.pose_reaching.batch import CHANNELS, Robots, Rules, Tick
 from fieldmodels.machines.pose_reaching.dubins import dubins_path
 from fieldmodels.machines.pose_reaching.kernel import NUMBERS
@@ -59,11 +57,10 @@ class _PoseReachingTask(BatchTask):
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, PoseReachingSettings)
-        model = PoseReaching()
-        truth = configure_model(reality, model, self.channels, batch, self.settings.tick)
-        self.reality, self.stock = truth.reality, truth.stock
-        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers)
-        self.robots = Robots(batch, self.settings, truth.typical, possible=truth.extremes, stock=truth.stock)
+        truth = self.configure(batch, reality, samplers, PoseReaching(), self.settings.tick)
+        self.simulated = self.robots = Robots(
+            batch, self.settings, truth.typical, possible=truth.extremes, stock=truth.stock
+        )
         self.metadata = {"render_fps": max(1, round(1 / self.settings.tick))}  # films run in real time
         self._tick: Tick | None = None
         self._trails: list[list[Floats]] | None = [[] for _ in range(batch)] if drawing else None
@@ -84,17 +81,9 @@ class _PoseReachingTask(BatchTask):
             Box(OBSERVATION_LOW, OBSERVATION_HIGH, dtype=np.float32),
         )
 
-    def set_reality(self, rows: list[int], vectors: Floats) -> None:
-        """See ``BatchTask.set_reality``."""
-        self.robots.set_reality(rows, vectors)
-
     def set_settings(self, row: int, settings: Any) -> None:
         """See ``BatchTask.set_settings``."""
         self.robots.set_rules(row, settings)
-
-    def draw_key(self, row: int, generator: np.random.Generator) -> None:
-        """Draw what keys a robot's stream of starts."""
-        self.robots.seed(row, generator)
 
     def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some robots, each at the next start of its own stream."""

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.named import apply_reality, stepped, with_named
 from fieldmodels.drivers.stepped import Channels, Stepped
 from fieldmodels.model import Model
 from fieldmodels.reality import Reality
-
-if TYPE_CHECKING:
-    from fieldgym.base import Floats
 
 
 @dataclass(frozen=True)
@@ -28,8 +26,8 @@ class ConfiguredModel:
 
     model: Model
     reality: Reality
-    typical: Floats
-    extremes: Floats
+    typical: FloatArray
+    extremes: FloatArray
     stock: Stepped | None
 
     def around(self, model: Model) -> Model:

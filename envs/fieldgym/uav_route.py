@@ -28,9 +28,7 @@ from fieldgym.base import (
     VectorStep,
 )
 from fieldgym.info import Info, complete
-from fieldgym.randomisation import EpisodeParameters
 from fieldgym.settings import read_random_settings
-from fieldgym.stock import configure_model
 from fieldmodels.compiled import compiled
 from fieldmodels.machines.uav_route.batch import (
     CHANNELS,
@@ -59,7 +57,7 @@ from fieldmodels.machines.uav_route.parameters import (
 from fieldmodels.machines.uav_route.plan_simulation import simulate_plan
 from fieldmodels.machines.uav_route.state import BOUND, FLYING, KNOWN, NUMBERS, OF_RADAR
 from fieldmodels.machines.uav_route.team import Team, team_names
-from fieldmodels.model import Model, ModelError
+from fieldmodels.model import ModelError
 from fieldmodels.settings import Setting, part_of
 
 if TYPE_CHECKING:
@@ -212,20 +210,15 @@ class _UavRouteTask(BatchTask):
 
     settings: UavRouteSettings
     channels = CHANNELS
+    longest = "max_legs"
 
     def __init__(self, batch: int, settings: Any, reality: RealityLike, drawing: bool) -> None:
         self.settings, samplers = read_random_settings(settings, UavRouteSettings)
         rules, model = self.settings.rules, model_of(self.settings)
-        truth = configure_model(reality, model, self.channels, batch, 0.0)
-        self.reality, self.stock = truth.reality, truth.stock
-
-        def around(own: UavRouteSettings) -> Model:
-            return truth.around(model_of(own))
-
-        self.drawn = EpisodeParameters(batch, truth.model, self.reality, self.settings, samplers, around)
+        truth = self.configure(batch, reality, samplers, model, 0.0, model_of)
         self._model = model
         for extreme in self.drawn.extremes():
-            ends = self.reality.extremes(around(extreme))
+            ends = self.reality.extremes(truth.around(model_of(extreme)))
             check_plants(model.plant(ends[:, : len(model.names)]))
             extreme.rules  # noqa: B018 - raises if they are not possible
         plants, self._aircraft = model.plant(truth.typical), self.settings.aircraft
@@ -238,19 +231,10 @@ class _UavRouteTask(BatchTask):
                 "stock effects of signals act on a single aircraft: choose aircraft=1, or effects of the "
                 "model uav_route (fieldgym list) in the reality"
             )
-        self._drawing = drawing
+        self.simulated, self._drawing = self.flights, drawing
         self._trails: list[list[Floats]] = [[] for _ in range(len(self.flights))]
         self._plan: Floats | None = None
         self._seen: Leg | None = None
-
-    def use_threads(self, threads: int) -> None:
-        """See ``BatchTask.use_threads``."""
-        self.flights.threads = threads
-
-    @property
-    def most_steps(self) -> int:
-        """See ``BatchTask.most_steps``."""
-        return int(self.largest("max_legs"))
 
     def spaces(self) -> tuple[Box, Box]:
         """Heading and length of a leg; where goal and radars are, and what they do."""
@@ -275,10 +259,6 @@ class _UavRouteTask(BatchTask):
             self.flights.set_team_rules(row, settings.rules)
         else:
             self.flights.set_rules(row, settings.rules[0])
-
-    def draw_key(self, row: int, generator: np.random.Generator) -> None:
-        """Draw what keys a flight."""
-        self.flights.seed(row, generator)
 
     def begin(self, rows: list[int]) -> None:
         """Begin new episodes of some flights."""

@@ -15,7 +15,6 @@ from fieldagents.evaluation.comparison import MIN_EPISODES, MIN_RUNS, Interval, 
 from fieldagents.task import Metric
 
 Floats = NDArray[np.float64]
-Z = float(stats.norm.ppf(0.975))
 
 
 @dataclass(frozen=True)
