@@ -88,7 +88,7 @@ LEAST_SINE = 0.1  # of the angle between a curve's response and the span of the 
 SAME_SINE = 0.24  # below which a curve is what effects do anyhow: a sign over another width is 0.22
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Scored:
     """A curve scored jointly with a fit.
 

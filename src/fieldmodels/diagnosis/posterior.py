@@ -20,7 +20,7 @@ from fieldmodels.diagnosis.misshapen import misshapen
 from fieldmodels.diagnosis.phrases import CURVE
 from fieldmodels.diagnosis.problem import Problem
 from fieldmodels.diagnosis.search import Search
-from fieldmodels.diagnosis.sets import Hypothesis, settled
+from fieldmodels.diagnosis.sets import Hypothesis, label, settled
 from fieldmodels.diagnosis.whitening import whitener_by_output
 from fieldmodels.drivers.variables import SHARE
 
@@ -215,7 +215,7 @@ def _alternatives(search: Search, lead: Hypothesis, near: Sequence[Hypothesis], 
         if rest <= set(one.names) and one.size == lead.size:
             result += [other for other in one.names if other not in rest]
         if len(one.curves) > len(lead.curves) and set(one.names) <= set(lead.names):
-            result += [_words(c) for c in one.curves if c not in lead.curves][:1]
+            result += [_words(c) for c in one.curves if label(c) not in lead.setting.labels][:1]
     if not any(other.startswith(CURVE) for other in result):
         if lead.curves and _is_part(search, lead, name):
             result.append(_words(lead.curves[0]))

@@ -26,8 +26,8 @@ SOMETHING, UNLISTED = 3.0, 2.3
 unlisted cause, 10 to 1."""
 TRIED, BESIDE_CURVES = 8, 3
 """Names that are fitted beside a set, by what they promise to first order; beside one with curves."""
-BEAM, LEVELS, MOST_CURVES, PAIRS = 2, 4, 2, 8
-"""Sets that are extended, how often, curves in a set, pairs of all that are followed."""
+BEAM, MOST, MOST_CURVES, PAIRS = 2, 4, 2, 8
+"""Sets that are extended, members of a set, curves among them, pairs of all that are followed."""
 NEAR, OTHER = 6.0, 15.0
 """Nats within which the best set of the other kind (with a curve, without) is exchanged, is extended."""
 FAR = 5.0
@@ -119,7 +119,7 @@ class Search:
     def _forward(self, beam: Sequence[Hypothesis]) -> None:
         """Extend the best sets, and the best one of the other kind, until that improves nothing."""
         last = math.inf
-        for level in range(LEVELS):
+        for level in range(MOST):
             made = [one for lead in beam for one in self._grown(lead)]
             order = self.ranked()
             least = self.score(order[0])
@@ -155,7 +155,7 @@ class Search:
         self, one: Hypothesis, names: int | None = None, curves: int | None = None
     ) -> list[Hypothesis]:
         """The set with each of the most promising names and curves more; nothing if that was done."""
-        if one.grown:
+        if one.grown or one.size >= MOST:
             return []
         one.grown = True
         names = (BESIDE_CURVES if one.curves else TRIED) if names is None else names
