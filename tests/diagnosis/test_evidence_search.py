@@ -19,7 +19,7 @@ from fieldmodels.diagnosis.cutting import split
 from fieldmodels.diagnosis.gain import noise_floor, predict
 from fieldmodels.diagnosis.marginal import FALLS, FREEDOM, SIZES, STRENGTHS, Evidence, _by_distance, _near
 from fieldmodels.diagnosis.options import DiagnosisOptions
-from fieldmodels.diagnosis.posterior import _curves_instead, _with_test, posterior_of
+from fieldmodels.diagnosis.posterior import SAME, _curves_instead, _with_test, posterior_of
 from fieldmodels.diagnosis.result import MissingCurve
 from fieldmodels.diagnosis.search import Search
 from fieldmodels.diagnosis.statements import explained
@@ -114,16 +114,32 @@ def test_a_cause_is_named_with_its_probability_and_nothing_else_is():
 
 
 def test_probabilities_are_shares_of_the_sets_that_both_records_leave():
-    search, testing = Search(candidates_of(record(1))), candidates_of(record(2)).problem
+    search, testing = Search(candidates_of(record(1))), candidates_of(record(101)).problem
     search.run()
     totals = _with_test(search, testing)
     least = min(totals.values())
     every = sum(math.exp(least - total) for total in totals.values())
     with_drag = sum(math.exp(least - total) for one, total in totals.items() if "drag" in one.names)
-    assert posterior_of(search, testing).names["drag"] == pytest.approx(with_drag / every)
+    said = posterior_of(search, testing)
+    assert said.names["drag"] == pytest.approx(with_drag / every)
+    near = {one.names for one, total in totals.items() if total < least + SAME}
+    assert (said.lead.names, near) == (("drag",), {("drag",), ("drag", "slope")})
     scores = {one.names: search.score(one) for one in search.sets if not one.curves}
     assert scores["drag",] < scores[()]
     assert scores["drag", "slope"] > scores["drag",]  # a number more that brings nothing has its price
+
+
+def test_a_set_costs_its_numbers_and_what_was_tried():
+    """Half a logarithm of the samples a number, of the names or curves tried, and the odds of something."""
+    search = Search(candidates_of(record(1)))
+    one = search.sets.with_name(search.base, "drag", [], search.marginal(search.base).whitener)
+    number, start = 0.5 * math.log(search.evidence.rows), one.candidate.search
+    assert search.score(search.base) == search.marginal(search.base).value
+    priced = search.score(one) - search.marginal(one).value - start
+    assert priced == pytest.approx(number + math.log(2.0) + math.log(20.0), abs=0.01)
+    curve = search.curves_beside(search.base).all[0]
+    tried = math.log(len(search.curves_beside(search.base).all) * curve.tried)
+    assert search.price_of_curve(curve, 3) == pytest.approx(3 * number + tried + math.log(10.0), abs=0.01)
 
 
 @pytest.mark.parametrize("again", [1.0, 0.4, 0.0])

@@ -19,6 +19,7 @@ from fieldmodels.diagnosis.fit import best_of, refit
 from fieldmodels.diagnosis.linearisation import Fit, reweighed
 from fieldmodels.diagnosis.marginal import Evidence, Marginal
 from fieldmodels.diagnosis.sets import Hypothesis, Sets, label
+from fieldmodels.diagnosis.shapes import Curve
 from fieldmodels.diagnosis.whitening import whitener_by_output
 
 SOMETHING, UNLISTED = 3.0, 2.3
@@ -43,20 +44,21 @@ class Search:
         sets: What was fitted.
         base: The base alone.
         names: Listed effects that are tried.
+        evidence: Of fits to the windows.
     """
 
     def __init__(self, candidates: Candidates) -> None:
         self._candidates, self._problem = candidates, candidates.problem
         first = candidates.base()
-        self._evidence = Evidence(self._problem)
-        candidates.whitener = self._evidence.of(self._problem, first.fit).whitener
+        self.evidence = Evidence(self._problem)
+        candidates.whitener = self.evidence.of(self._problem, first.fit).whitener
         base = candidates.again(first)
         candidates.whitener = first.fit.whitener  # single names are fitted by one weight an output
         names = candidates.names()
         absorbed = [not one for one in candidates.each(lambda n: candidates.identifiable(base, n), names)]
         candidates.unidentifiable.update(itertools.compress(names, absorbed))
         self.names = candidates.names()
-        self.sets = Sets(candidates, self._evidence)
+        self.sets = Sets(candidates, self.evidence)
         self.base = self.sets.keep(Hypothesis((), self.sets.setting(()), base))
         self.sets.settle(self.base)
         self._count = 1  # of curves that were tried
@@ -93,7 +95,7 @@ class Search:
 
     def marginal(self, one: Hypothesis) -> Marginal:
         """The evidence of what a set leaves, and the weights by its covariance."""
-        return self._evidence.of(one.setting.problem, one.fit)
+        return self.evidence.of(one.setting.problem, one.fit)
 
     def curves_beside(self, one: Hypothesis) -> Curves:
         """The curves that are tried beside a set; none that acts in an effect's own numbers."""
@@ -106,15 +108,16 @@ class Search:
 
     def _price(self, one: Hypothesis) -> float:
         """What its parameters cost, by their number and by what was tried for them [nats]."""
-        model, rows = self._problem.model, self._evidence.rows
+        model, rows = self._problem.model, self.evidence.rows
         names = sum(_price(model.effect(n).size, rows) + math.log(len(self.names)) for n in one.names)
-        curves = sum(self._price_of_curve(c, len(c.coefficients)) for c in one.curves)
+        curves = sum(self.price_of_curve(c.curve, len(c.coefficients)) for c in one.curves)
         something = SOMETHING if one.size or self.marginal(one).slow else 0.0
         return names + one.candidate.search + curves + something
 
-    def _price_of_curve(self, scored: Scored, size: int) -> float:
-        tried = math.log(self._count * scored.curve.tried)
-        return _price(size, self._evidence.rows) + tried + UNLISTED
+    def price_of_curve(self, curve: Curve, size: int) -> float:
+        """What a curve of so many values costs [nats]."""
+        tried = math.log(self._count * curve.tried)
+        return _price(size, self.evidence.rows) + tried + UNLISTED
 
     def _forward(self, beam: Sequence[Hypothesis]) -> None:
         """Extend the best sets, and the best one of the other kind, until that improves nothing."""
@@ -191,11 +194,11 @@ class Search:
                 tables = beside.judge(candidate)[:JUDGED]
                 known = beside.functions(scored.curve for scored in tables[:3])
                 pool = [*tables, *(beside.judge(candidate, known)[:FUNCTIONS] if tables else [])]
-                without = self._evidence.first_order(here, np.zeros((*here.residual.shape, 0)))
+                without = self.evidence.first_order(here, np.zeros((*here.residual.shape, 0)))
                 for scored in pool:
                     more = scored.candidate.fit.jacobian[:, :, here.jacobian.shape[2] :]
-                    value = self._evidence.first_order(here, more)
-                    gain = without - value - self._price_of_curve(scored, more.shape[2])
+                    value = self.evidence.first_order(here, more)
+                    gain = without - value - self.price_of_curve(scored.curve, more.shape[2])
                     if gain > found.get(label(scored), (-math.inf, scored))[0]:
                         found[label(scored)] = gain, scored
             self._judged[id(one)] = one, sorted(found.values(), key=lambda pair: -pair[0])
