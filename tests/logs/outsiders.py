@@ -1,4 +1,4 @@
-"""Logs of tools that no other log here is from; written down before any was read.
+"""Logs of tools that no other log here is from; all but the last ten written down before any was read.
 
 Each is written by its tool's own writer where one installs, else as its documents show it.
 """
