@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, PositiveFloat, PositiveInt
 
@@ -199,7 +199,7 @@ def _wrong_learner(learner: dict[str, Any], algorithm: str, steps: int, num_envs
 class TrainConfig(Config):
     """A training run, whole."""
 
-    was = {"told": "conditioned"}  # noqa: RUF012
+    was: ClassVar[Mapping[str, str]] = {"told": "conditioned"}
 
     name: Name
     """Name of the run; its folder is ``runs/<task>/<name>-<hash of this config>``."""

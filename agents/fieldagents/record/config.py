@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -78,7 +79,7 @@ class RecordConfig(Config):
         format: File format.
     """
 
-    was = {"model": "machine"}  # noqa: RUF012
+    was: ClassVar[Mapping[str, str]] = {"model": "machine"}
     name: Name
     machine: str
     reality: Annotated[RealityConfig, checked(wrong_reality, "machine")] = None

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import Field
 
@@ -44,7 +44,7 @@ class Conditioning(Config):
         run: Which training run; over drawn realities, all of them unless one is given.
     """
 
-    was = {"told": "conditioned"}  # noqa: RUF012
+    was: ClassVar[Mapping[str, str]] = {"told": "conditioned"}
     conditioned: bool = True
     nominal: str | None = None
     run: int = Field(default=0, ge=0)

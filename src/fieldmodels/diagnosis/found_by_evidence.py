@@ -71,7 +71,7 @@ def found_by_evidence(
         causes = tuple(replace(cause, chance=1.0 - share * (1.0 - cause.chance)) for cause in causes)
         curves = tuple(replace(one, p_value=1.0 - share * (1.0 - one.p_value)) for one in curves)
         if share < LIKELY and said.lead.size:
-            possible, causes, kept, after = causes, (), base, before
+            possible, causes, kept, after, full = causes, (), base, before, before
             curves = curves or tuple(scored for _, scored in search.judged_beside(search.base)[:1])
         rounded = quantisation_found(train, testing, full)
         causes = (*causes, *rounded)
@@ -91,7 +91,7 @@ def found_by_evidence(
 def _told(cause: Cause, said: Posterior) -> Cause:
     """A cause with what may stand in its place, and the probability that neither is there."""
     name = cause.effect
-    return replace(cause, alternatives=said.alternatives[name], chance=1.0 - said.names[name])
+    return replace(cause, alternatives=said.alternatives[name], chance=max(1.0 - said.names[name], 0.0))
 
 
 def _names_alone(candidates: Candidates, search: Search, said: Posterior) -> Candidate:
