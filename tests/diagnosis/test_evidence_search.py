@@ -17,7 +17,19 @@ from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.cutting import split
 from fieldmodels.diagnosis.gain import noise_floor, predict
-from fieldmodels.diagnosis.marginal import FALLS, FREEDOM, SIZES, STRENGTHS, Evidence, _by_distance, _near
+from fieldmodels.diagnosis.marginal import (
+    FALLS,
+    FREEDOM,
+    ORDERS,
+    PACES,
+    SIZES,
+    STRENGTHS,
+    Evidence,
+    _by_distance,
+    _deviations,
+    _least,
+    _near,
+)
 from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.posterior import SAME, _curves_instead, _with_test, posterior_of
 from fieldmodels.diagnosis.result import MissingCurve
@@ -94,6 +106,31 @@ def test_a_slow_zero_is_part_of_the_evidence_where_there_is_one(drift):
     slow = evidence._settled(candidates.problem, fitted, start, still)[0]
     assert (slow < still) == (drift > 0.0)
     assert evidence.of(candidates.problem, fitted).value <= min(still, slow) + 0.1
+
+
+@pytest.mark.parametrize("size", [0.0, 0.03, 0.06, 0.1, 0.3])
+def test_paces_are_the_likeliest_that_no_neighbour_outdoes(size):
+    """By the density of what is measured itself: of two sensors, whose zeros share what is fitted."""
+    rng, windows = np.random.default_rng(5), 60
+    sines = math.sqrt(2.0) * np.sin(np.pi * (np.arange(windows) + 0.5)[:, None] / windows * ORDERS)
+    sines[:, 0] = 1.0
+    slow = np.kron([[1.0, 0.0], [0.6, 0.8]], sines)
+    x = np.column_stack([np.ones(2 * windows), rng.standard_normal(2 * windows)])
+
+    def against(paces: list[int]) -> float:
+        covariance = np.eye(2 * windows) + (slow * _deviations(paces).ravel() ** 2) @ slow.T
+        left = np.linalg.solve(np.linalg.cholesky(covariance), both)
+        errors = left[:, 2] - left[:, :2] @ np.linalg.lstsq(left[:, :2], left[:, 2], rcond=None)[0]
+        spread = 0.5 * np.linalg.slogdet(covariance)[1]
+        return spread + 0.5 * errors @ errors + math.log(len(PACES)) * np.count_nonzero(paces)
+
+    for _ in range(12):
+        walks = size * rng.standard_normal((2, windows)).cumsum(axis=1).ravel()
+        both = np.column_stack([x, 3.0 * x[:, 1] + walks + rng.standard_normal(2 * windows)])
+        found = _least(slow.T @ slow, slow.T @ both, both.T @ both)
+        ways = [_near(k) if k else range(len(PACES)) for k in found]
+        near = [[*found[:j], int(k), *found[j + 1 :]] for j in range(2) for k in ways[j]]
+        assert against(found) == pytest.approx(min(map(against, [found, *near])), abs=1e-6)
 
 
 def test_paces_are_reached_from_one_another():
