@@ -31,7 +31,7 @@ class Calls:
     """Who may call whom."""
 
     def __init__(self) -> None:
-        self.nodes: dict[Name, ast.AST] = {}
+        self.nodes: dict[Name, ast.stmt] = {}
         self._seen: dict[str, dict[str, Name]] = {}
         self._trees = {path.stem: ast.parse(path.read_text()) for path in sorted(SOURCE.glob("*.py"))}
         for module, tree in self._trees.items():
@@ -99,7 +99,7 @@ def lines(calls: Calls, names: set[Name]) -> Counter[str]:
     spans = {
         (module, line)
         for module, name in names
-        for line in range(calls.nodes[module, name].lineno, (calls.nodes[module, name].end_lineno or 0) + 1)  # type: ignore[attr-defined]
+        for line in range(calls.nodes[module, name].lineno, (calls.nodes[module, name].end_lineno or 0) + 1)
     }
     return Counter(module for module, _ in spans)
 
