@@ -58,11 +58,13 @@ class Marginal:
         value: Negative log marginal likelihood [nats].
         whitener: By the mean of its errors' covariance, shape (features, features).
         slow: Whether a sensor's zero moves.
+        windows: What each window adds by the mean of its errors' covariance [nats], shape (windows,).
     """
 
     value: float
     whitener: FloatArray
     slow: bool
+    windows: FloatArray
 
 
 class Evidence:
@@ -97,17 +99,19 @@ class Evidence:
         return self._known[id(fitted)][1]
 
     def _of(self, problem: Problem, fitted: Fit) -> Marginal:
-        events = 0.0
+        events = np.zeros(len(fitted.raw))
         if problem.observations is not None:
-            events = float(problem.observations.loss(fitted.raw).sum())
+            loss = problem.observations.loss(fitted.raw)
+            events = np.sum(loss.reshape(len(events), -1), axis=1)
         if not self._averages.any():
-            return Marginal(events, fitted.whitener, False)
+            return Marginal(float(events.sum()), fitted.whitener, False, events)
         rows = self._rows(fitted.raw)
         changes = np.diff(rows, axis=0) / math.sqrt(2.0)  # in which a slow zero hardly shows
         still = self._settled(problem, fitted, self._white(rows))
         slow = self._settled(problem, fitted, self._white(changes), still[0])
-        value, covariance = min(still, slow, key=lambda one: one[0])
-        return Marginal(value + events, self._whitener(covariance), slow[0] < still[0])
+        value, covariance, rows = min(still, slow, key=lambda one: one[0])
+        windows = _by_window(covariance, rows, len(events)) + events
+        return Marginal(value + float(events.sum()), self._whitener(covariance), slow[0] < still[0], windows)
 
     def first_order(self, here: Fit, further: FloatArray) -> float:
         """Evidence of a fit with further columns, without slow zeros, to first order.
@@ -120,7 +124,7 @@ class Evidence:
 
     def _settled(
         self, problem: Problem, fitted: Fit, covariance: FloatArray, still: float | None = None
-    ) -> tuple[float, FloatArray]:
+    ) -> tuple[float, FloatArray, FloatArray]:
         """Evidence and mean covariance of the errors, where starts and covariance agree.
 
         Args:
@@ -129,22 +133,22 @@ class Evidence:
             covariance: From which to begin.
             still: The evidence without slow zeros, where it is to be that with them.
         """
-        value = math.inf
+        value, rows = math.inf, np.zeros((0, 0))
         for _ in range(SETTLED):
             here, before = reweighed(problem, fitted, self._whitener(covariance)), value
             if still is None:
-                value, covariance = self._value(here, None)
+                value, covariance, rows = self._value(here, None)
             else:
                 price, left = self._beside_slow_zeros(problem, here)
                 if not math.isfinite(price):
-                    return math.inf, covariance
-                value, covariance = self._value(here, left)
+                    return math.inf, covariance, rows
+                value, covariance, rows = self._value(here, left)
                 # To first order, with slow zeros or without, more may be promised than a simulation keeps.
                 promised = still - self._value(here, _left(here, *_solution(here)))[0]
                 value += price + max(promised, 0.0)
             if abs(value - before) < 0.1:
                 break
-        return value, covariance
+        return value, covariance, rows
 
     def _beside_slow_zeros(self, problem: Problem, here: Fit) -> tuple[float, FloatArray]:
         """Price of the slow zeros that are there, infinite if none is, and what is left beside them."""
@@ -161,8 +165,8 @@ class Evidence:
         left = _left(here, np.concatenate([x, slow], axis=1), np.concatenate([b, sizes * u]))
         return (price if any(paces) else math.inf), left
 
-    def _value(self, here: Fit, left: FloatArray | None) -> tuple[float, FloatArray]:
-        """Evidence of what a fit leaves, and the mean covariance of the errors.
+    def _value(self, here: Fit, left: FloatArray | None) -> tuple[float, FloatArray, FloatArray]:
+        """Evidence of what a fit leaves, the mean covariance of the errors, and the errors row by row.
 
         Args:
             here: The fit.
@@ -185,7 +189,7 @@ class Evidence:
             moved = here.by_states[:, self._averages] @ np.linalg.cholesky(np.linalg.inv(bound))
             products = products + np.tensordot(moved, moved, axes=([0, 2], [0, 2]))
         more, covariance = self._errors(products, len(rows))
-        return value + 0.5 * float(np.sum(off**2)) + more, covariance
+        return value + 0.5 * float(np.sum(off**2)) + more, covariance, rows
 
     def _rows(self, raw: FloatArray) -> FloatArray:
         """Rows of errors that have one covariance: windows, or samples where all are alike."""
@@ -370,6 +374,14 @@ def _least(products: FloatArray, across: FloatArray, powers: FloatArray) -> list
         if best == before:
             break
     return best
+
+
+def _by_window(covariance: FloatArray, rows: FloatArray, windows: int) -> FloatArray:
+    """What the errors of each window cost by the covariance of a row of them [nats], shape (windows,)."""
+    root = np.linalg.cholesky(covariance)
+    far = np.sum(np.linalg.solve(root, rows.T) ** 2, axis=0)
+    costs = 0.5 * (FREEDOM + rows.shape[1]) * np.log1p(far / FREEDOM) + np.log(np.diag(root)).sum()
+    return np.asarray(costs.reshape(windows, -1).sum(axis=1))
 
 
 def climbed(at: Callable[[int], float], start: int, count: int) -> int:

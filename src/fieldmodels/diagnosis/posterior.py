@@ -41,6 +41,8 @@ ALLOWED = 2.0
 """Nats that test windows may fall short of what two sets that differ by a member should differ in them."""
 MOST = 2
 """Curves that may stand in another's place, as are said."""
+RESAMPLED = 1000
+"""Pairs of records that are put together from blocks of the two."""
 KNOWN = ("sign", "size", "square with sign", "cube")
 """Known functions of a variable that are among what its curves may be."""
 
@@ -66,18 +68,18 @@ class Posterior:
     curves: tuple[float, ...]
 
 
-def posterior_of(search: Search, testing: Problem) -> Posterior:
+def posterior_of(search: Search, testing: Problem, rng: np.random.Generator) -> Posterior:
     """The leading set of a search, and what all sets near it say of its members.
 
     Args:
         search: Over the training windows.
         testing: Windows that nothing was fitted to: how likely each set has made them counts as well.
+        rng: Source of the resampling.
     """
-    totals = _with_test(search, testing)
+    totals, blocks = _with_test(search, testing)
     order = sorted(totals, key=lambda one: totals[one])
     scores = np.array([totals[one] for one in order])
-    weights = np.exp(scores[0] - scores)
-    weights /= weights.sum()
+    weights = bagged(scores, np.array([blocks[one] for one in order]), rng)
     near = [one for one in order if totals[one] <= scores[0] + SAME]
     lead = _named_instead(search, min(near, key=lambda one: (len(one.curves), one.size)))  # then by score
     near = [one for one in order if totals[one] <= scores[0] + TOLD]
@@ -99,14 +101,38 @@ def posterior_of(search: Search, testing: Problem) -> Posterior:
     )
 
 
-def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
+def bagged(scores: FloatArray, blocks: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Probabilities of sets, on average over records that are put together from blocks of those at hand.
+
+    A model that none of the sets completes makes one of them certain that another record would not (Huggins
+    and Miller, Reproducible model selection using bagged posteriors, Bayesian Analysis 18, 2023).
+
+    Args:
+        scores: Negative log posterior of each set but for a constant [nats], shape (sets,).
+        blocks: What each block of windows adds to it, shape (sets, blocks).
+        rng: Source of the resampling.
+    """
+    count = blocks.shape[1]
+    times = rng.multinomial(count, np.full(count, 1.0 / count), RESAMPLED) - 1.0
+    values = scores[:, None] + (blocks - blocks[:1]) @ times.T
+    weights = np.exp(values.min(axis=0) - values)
+    return np.asarray((weights / weights.sum(axis=0)).mean(axis=1))
+
+
+def _with_test(
+    search: Search, testing: Problem
+) -> tuple[dict[Hypothesis, float], dict[Hypothesis, FloatArray]]:
     """Scores of the sets near the best and of parts of the lead, with the evidence of the test windows.
 
     What a member of the lead has brought counts as far as the test windows repeat it: what noise of a kind
     that no model of it fits has seemed to show in one record, it does not show in another.
+
+    Returns:
+        The scores, and what each block of windows of either record adds.
     """
     evidence, order = Evidence(testing), search.ranked()
     found: dict[Hypothesis, tuple[Fit, float]] = {}
+    blocks: dict[Hypothesis, FloatArray] = {}
 
     def tested(one: Hypothesis) -> tuple[Fit, float]:
         """Fit to the test windows and its evidence: the base is free there, effects as far as unknown."""
@@ -120,7 +146,10 @@ def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
             here = reweighed(problem, fitted, evidence.of(problem, fitted).whitener)
             known = reweighed(one.setting.problem, one.fit, search.marginal(one).whitener)
             base = one.setting.candidates.free(())
-            found[one] = here, evidence.of(problem, fitted).value + _moved(problem, known, here, base)
+            now, before = evidence.of(problem, fitted), search.marginal(one)
+            found[one] = here, now.value + _moved(problem, known, here, base)
+            records = ((before, one.setting.problem), (now, problem))
+            blocks[one] = np.concatenate([_over(r.blocks, m.windows) for m, r in records])
         return found[one]
 
     near = [one for one in order if search.score(one) <= search.score(order[0]) + NEAR]
@@ -129,6 +158,10 @@ def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
     while (lead := min(totals, key=lambda one: totals[one])) not in seen:
         seen.add(lead)
         here, own = tested(lead)
+        if search.score(lead) > search.score(order[0]) + NEAR:  # which the search has left behind
+            search.exchange(lead)
+            for one in _neighbours(search, lead):
+                totals[one] = min(totals.get(one, math.inf), search.score(one) + tested(one)[1])
         for part in search.sets.parts(lead):
             there, without = tested(part)
             apart = 0.5 * float(np.sum(((here.raw - there.raw) @ here.whitener.T) ** 2))
@@ -138,7 +171,19 @@ def _with_test(search: Search, testing: Problem) -> dict[Hypothesis, float]:
             fewer = search.score(part) - search.score(lead) + without - own
             total = totals[lead] + fewer - float(lacking)
             totals[part] = min(totals.get(part, math.inf), total)
-    return totals
+    return totals, blocks
+
+
+def _neighbours(search: Search, lead: Hypothesis) -> list[Hypothesis]:
+    """Sets with another member in the place of one of a set's, and about as likely in training."""
+    members, bound = {*lead.names, *lead.setting.labels}, search.score(lead) + TOLD
+    others = [(one, {*one.names, *one.setting.labels}) for one in search.sets if search.score(one) < bound]
+    return [one for one, own in others if len(members - own) == len(own - members) == 1]
+
+
+def _over(blocks: IntArray, windows: FloatArray) -> FloatArray:
+    """Sums over the windows of each block."""
+    return np.asarray(np.bincount(np.unique(blocks, return_inverse=True)[1], windows), dtype=np.float64)
 
 
 def _moved(problem: Problem, known: Fit, here: Fit, base: IntArray) -> float:
