@@ -3,16 +3,19 @@
 import numpy as np
 import pytest
 
+from exam.answers import ask
 from exam.benches import get_bench
 from exam.benches.base import Hidden
 from exam.cases import cases_of
 from exam.field.cases import field_cases, make
+from exam.logs import STATEMENTS, NoDataError, failures
 from exam.sizes import recordings
 from fieldmodels.diagnosis import diagnose
 from fieldmodels.diagnosis.candidates import Candidates
 from fieldmodels.diagnosis.cutting import split
 from fieldmodels.diagnosis.marginal import Evidence
 from fieldmodels.diagnosis.options import DiagnosisOptions
+from fieldmodels.registry import get_model
 
 EVIDENCE = DiagnosisOptions(engine="evidence")
 
@@ -81,3 +84,21 @@ def test_noise_that_is_no_model_of_it_names_no_step():
     train, test = recordings(bench, hidden, case.conditions, case.seed)
     found = diagnose(bench.model, [train], [test], options=EVIDENCE)
     assert [cause.effect for cause in found.causes] == ["velocity_lag"]
+
+
+@pytest.mark.parametrize(
+    "log",
+    [
+        "emps_piece_0",  # two seconds, 1,500 times the noise: a periodic force is 15 N, with an error of 40
+        "emps_piece_3",  # cogging of 0.6 N with an error of 0.9
+        pytest.param("dfki_by_hand", marks=pytest.mark.nightly),  # no sensor wanders by 28 times its noise
+    ],
+)
+def test_what_a_log_of_a_real_machine_does_not_tell_from_nothing_is_not_named(log):
+    statement = STATEMENTS[log]
+    model = get_model(statement.machine)
+    try:
+        records = statement.records(model)
+    except NoDataError as lacking:
+        pytest.skip(str(lacking))
+    assert failures(statement, ask(model, *records, {}, (), EVIDENCE)) == []

@@ -103,7 +103,7 @@ def _weighed(problem: Problem, made: Extension) -> Extension:
     extended, fitted = replace(problem, model=made.model), made.fit
     for _ in range(REWEIGHED):
         fitted = refit(extended, fitted, covariance_whitener(extended, fitted), STEPS)
-    return replace(made, fit=fitted, curves=_final(made.curves, fitted, len(problem.model.names)))
+    return replace(made, fit=fitted, curves=final(made.curves, fitted, len(problem.model.names)))
 
 
 def _tuned(
@@ -150,7 +150,7 @@ def _fitted(
             fitted = refit(extended, fitted, own, STEPS)
             better = reweighed(problem, kept.fit, own).cost - fitted.cost
         if better > 0.0:
-            return Extension(model, fitted, _final(curves, fitted, count), gain)
+            return Extension(model, fitted, final(curves, fitted, count), gain)
     return None
 
 
@@ -212,7 +212,7 @@ def compared(one: Prediction, other: Prediction) -> float:
     return float(told.mean()) if len(told) else 0.0
 
 
-def _final(curves: Sequence[Scored], fitted: Fit, first: int) -> tuple[Scored, ...]:
+def final(curves: Sequence[Scored], fitted: Fit, first: int) -> tuple[Scored, ...]:
     """The curves with the coefficients of a fit, and their covariance."""
     inverse = np.linalg.pinv(fitted.information, hermitian=True, rcond=1e-10)
     place = {int(index): k for k, index in enumerate(fitted.free)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fieldmodels.diagnosis.curves import Scored
+from fieldmodels.diagnosis.extension import Extension
 from fieldmodels.diagnosis.gain import Prediction
 from fieldmodels.diagnosis.result import Cause
 from fieldmodels.diagnosis.selection import Selection
@@ -26,6 +27,7 @@ class Found:
         certain: Whether the data call for these, or an error above the noise does.
         before: Prediction of the test windows by the refitted base.
         after: The same with the causes.
+        extension: The simulation with all of these, where the search has fitted it.
     """
 
     mistaken: str
@@ -38,3 +40,4 @@ class Found:
     certain: bool
     before: Prediction
     after: Prediction
+    extension: Extension | None = None

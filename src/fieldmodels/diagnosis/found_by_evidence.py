@@ -9,8 +9,15 @@ import numpy as np
 
 from fieldmodels.diagnosis.budget import SEARCH
 from fieldmodels.diagnosis.candidates import Candidate, Candidates
-from fieldmodels.diagnosis.causes import beside_the_others, causes_of, path_to, quantisation_found
-from fieldmodels.diagnosis.curves import Curves
+from fieldmodels.diagnosis.causes import (
+    beside_the_others,
+    causes_of,
+    path_to,
+    quantisation_found,
+    told_from_neutral,
+)
+from fieldmodels.diagnosis.curves import Curves, Scored
+from fieldmodels.diagnosis.extension import Extension, compared, final
 from fieldmodels.diagnosis.found import Found
 from fieldmodels.diagnosis.gain import predict
 from fieldmodels.diagnosis.linearisation import reweighed
@@ -24,7 +31,8 @@ from fieldmodels.diagnosis.sets import Hypothesis
 from fieldmodels.diagnosis.signs import mistaken_columns
 from fieldmodels.diagnosis.stages import Progress
 from fieldmodels.diagnosis.statements import explained
-from fieldmodels.diagnosis.verdict import Judgement
+from fieldmodels.diagnosis.verdict import Judgement, far_from_noise
+from fieldmodels.drivers.curved import Curved
 from fieldmodels.recording import Recording
 
 LIKELY = 0.5
@@ -43,7 +51,7 @@ def found_by_evidence(
     search, within = Search(candidates), candidates.budget.within
     within("larger sets", search.run, None, SEARCH)
     report("measuring the gain", 0.8)
-    said, base = posterior_of(search, testing), search.base.candidate
+    said, base = posterior_of(search, testing, rng.spawn(1)[0]), search.base.candidate
     kept = _names_alone(candidates, search, said)
     fits = (base.fit, kept.fit) if said.lead.names else (base.fit,)
     options, problem = candidates.options, candidates.problem
@@ -58,20 +66,28 @@ def found_by_evidence(
     )
     if mistaken or unrelated or problem.is_exact(base.fit.raw):
         kept, curves = base, ()
+    kept, possible = within(
+        "which effects differ from none",
+        lambda: told_from_neutral(candidates, path_to(candidates, base, kept), testing, rng),
+        (kept, tuple[Cause, ...]()),
+    )
     path = path_to(candidates, base, kept)
     causes = beside_the_others(causes_of(candidates, path, testing, rng), candidates, path, testing, rng)
     causes = tuple(_told(cause, said) for cause in causes)
     before = predict(testing, base.fit.parameters)
     after, share = predict(testing, kept.fit.parameters) if causes else before, 1.0
-    possible: tuple[Cause, ...] = ()
     if not (mistaken or unrelated):
         model = said.lead.setting.problem.model
         full = predict(replace(testing, model=model), said.lead.fit.parameters) if curves else after
         share = explained(testing, before, full, options.unexplained_ratio)
         causes = tuple(replace(cause, chance=1.0 - share * (1.0 - cause.chance)) for cause in causes)
         curves = tuple(replace(one, p_value=1.0 - share * (1.0 - one.p_value)) for one in curves)
-        if share < LIKELY and said.lead.size:
-            possible, causes, kept, after, full = causes, (), base, before, before
+        far = not (said.lead.size or model.random_force) and far_from_noise(
+            testing, before, False, options.far
+        )
+        share = 0.0 if far else share
+        if share < LIKELY and (said.lead.size or far):
+            possible, causes, kept, after, full = (*possible, *causes), (), base, before, before
             curves = curves or tuple(scored for _, scored in search.judged_beside(search.base)[:1])
         rounded = quantisation_found(train, testing, full)
         causes = (*causes, *rounded)
@@ -83,9 +99,33 @@ def found_by_evidence(
     beside_base = Curves(problem, base.fit, options)
     tried = Curves(problem, kept.fit, options) if kept.effects else beside_base
     judged = Judgement(kept, tried, beside_base, curves)
+    extension = _extension(search, said.lead, kept, curves)
+    if extension is not None and compared(extension.predict(testing), after) >= 0.0:
+        extension = None
     return Found(
-        mistaken, unrelated, selection, judged, causes, possible, curves, share >= LIKELY, before, after
+        mistaken,
+        unrelated,
+        selection,
+        judged,
+        causes,
+        possible,
+        curves,
+        share >= LIKELY,
+        before,
+        after,
+        extension,
     )
+
+
+def _extension(
+    search: Search, lead: Hypothesis, kept: Candidate, curves: Sequence[Scored]
+) -> Extension | None:
+    """The simulation with all members of a set as the search has fitted it; None if not all of them stand."""
+    whole, model = lead.setting.problem, lead.setting.problem.model
+    if not isinstance(model, Curved) or (kept.effects, len(curves)) != (lead.names, len(lead.curves)):
+        return None
+    fitted = reweighed(whole, lead.fit, search.marginal(lead).whitener)
+    return Extension(model, fitted, final(curves, fitted, search.sets.own), 0.0)
 
 
 def _told(cause: Cause, said: Posterior) -> Cause:

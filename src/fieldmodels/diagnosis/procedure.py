@@ -381,7 +381,7 @@ def _stated(
     training, kept, selection = candidates.problem, found.judged.kept, found.selection
     model = training.model
     within, lacks = candidates.budget.within, candidates.budget.lacks
-    extension = within(
+    extension = found.extension or within(
         "the fit of curves", lambda: improving(candidates, kept, found.curves, testing, found.after), None
     )
     added = extension.curves if extension else ()
