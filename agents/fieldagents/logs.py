@@ -105,7 +105,7 @@ class Logs:
         if self.bench is not None:
             bench = Bench.load(self.bench)
             if bench.model not in ("", self.model.name):
-                raise RecordingError(f"{self.bench}: is for model {bench.model!r}, not {self.model.name!r}")
+                raise RecordingError(f"{self.bench}: is for machine {bench.model!r}, not {self.model.name!r}")
             return _over(bench, declared)
         found = beside(table.path, self.model.name)
         for bench in [*self.agreed, *([Bench.load(found)] if found else [])]:

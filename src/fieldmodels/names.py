@@ -1,7 +1,8 @@
-"""Names: the class that goes by one, and what to say of one that nobody knows."""
+"""Names: the machine's in a file, the class that goes by one, what to say of one that nobody knows."""
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 
 def did_you_mean(name: object, known: Iterable[str]) -> str:
@@ -9,6 +10,11 @@ def did_you_mean(name: object, known: Iterable[str]) -> str:
     choices = list(known)
     close = difflib.get_close_matches(str(name), choices, n=1)
     return f" (did you mean {close[0]!r}?)" if close else f" (known: {', '.join(choices) or 'none'})"
+
+
+def machine_in(data: Mapping[str, Any]) -> Any:
+    """What a file names as its machine, under ``model`` as in 0.1, too; None if nothing."""
+    return data.get("machine", data.get("model"))
 
 
 def class_name(name: str) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.model import Model, ModelError
+from fieldmodels.names import machine_in
 from fieldmodels.sampling import Sampler, is_sampler, read_sampler
 from fieldmodels.yaml import load_yaml
 
@@ -197,14 +198,14 @@ def extended_reality(data: Any, model: Model, path: Path | str = "extended.yaml"
         ModelError: If the data are none, of another schema or of another model.
     """
     if not isinstance(data, Mapping) or "effects" not in data:
-        raise ModelError(f"{path}: not an extended model (it needs the keys 'model' and 'effects')")
+        raise ModelError(f"{path}: not an extended simulation (it needs the keys 'machine' and 'effects')")
     if data.get("schema", SCHEMA) != SCHEMA:
         raise ModelError(
             f"{path}: schema {data['schema']!r}, but this version reads schema {SCHEMA}; use the version of "
             "fieldgym that wrote it, or repeat the diagnosis"
         )
-    if data.get("model") != model.name:
-        raise ModelError(f"{path}: made for model {data.get('model')!r}, not for {model.name!r}")
+    if machine_in(data) != model.name:
+        raise ModelError(f"{path}: made for machine {machine_in(data)!r}, not for {model.name!r}")
     base = _values(data.get("parameters"), f"{path}: 'parameters'")
     effects = {
         name: _values(values, f"{path}: effect {name!r}")

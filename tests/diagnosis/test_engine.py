@@ -121,6 +121,8 @@ def test_results_are_valid_and_load_back(leaking, tmp_path):
 
     data = json.loads(paths["diagnosis.json"].read_text(), parse_constant=refuse)
     assert data["schema"] == 2
+    assert data["machine"] == data["model"] == "tank"  # model: the key of 0.1
+    assert "machine: tank" in paths["extended.yaml"].read_text().splitlines()
     assert data["verdict"] == "named"
     assert data["causes"][0]["parameters"]["rate"]["unit"] == "m/s"
     assert data["unknown"] is None

@@ -185,7 +185,7 @@ def test_a_diagnosed_bench_is_made_by_gymnasium_in_its_extended_simulation(tmp_p
 def test_a_bench_file_without_a_model_is_refused(tmp_path):
     path = tmp_path / "extended.yaml"
     path.write_text("effects: {}\n")
-    with pytest.raises(ModelError, match="names no model"):
+    with pytest.raises(ModelError, match="names no machine"):
         gymnasium.make("fieldgym/Bench-v0", config=path)
 
 

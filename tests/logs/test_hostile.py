@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from fieldmodels.drivers.named import model_named_in
 from fieldmodels.recording import RecordingError
 from fieldmodels.recording.bench import Bench, Channel, beside
 from fieldmodels.recording.files import load_recording
@@ -193,7 +194,12 @@ def test_channels_are_read_as_written():
 def test_a_bench_is_kept_and_found_beside_a_log(tmp_path):
     bench = Bench({"t": Channel("Zeit", "ms"), "force": Channel("F", "N", -2.0, 0.5)}, 100.0, "rig")
     bench.save(tmp_path / "bench.yaml")
-    assert Bench.load(tmp_path / "bench.yaml") == bench
+    text = (tmp_path / "bench.yaml").read_text()
+    for key in ("machine", "model"):  # model: files of 0.1
+        (tmp_path / "bench.yaml").write_text(text.replace("machine: rig", f"{key}: rig"))
+        assert f"{key}: rig" in (tmp_path / "bench.yaml").read_text()
+        assert Bench.load(tmp_path / "bench.yaml") == bench
+        assert model_named_in(tmp_path / "bench.yaml") == "rig"
     assert beside(tmp_path / "log.csv", "rig") == tmp_path / "bench.yaml"
     assert beside(tmp_path / "log.csv", "pendulum") is None
     for text, part in (("columns: 3", "maps signals"), ("a: 1", "nothing else"), ("rate: -1", "positive"),

@@ -148,7 +148,7 @@ def test_a_machine_without_inputs_is_diagnosed_exported_and_flown(tmp_path, swin
     extended, exported = str(out / "extended.yaml"), out / "exported.py"
     refused = runner.invoke(app, ["export", extended, str(exported)])
     assert refused.exit_code == 2
-    assert "give its file, too: --model FILE.py" in refused.output
+    assert "give its file, too: --machine FILE.py" in refused.output
     assert runner.invoke(app, ["export", extended, str(exported), "--model", str(model)]).exit_code == 0
     command = [sys.executable, "-I", str(exported), str(path), str(tmp_path / "simulated.csv")]
     subprocess.run(command, check=True, cwd=tmp_path)

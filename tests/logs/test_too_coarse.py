@@ -79,7 +79,7 @@ def test_too_coarse_for_a_time_constant_is_said_before_the_work(ramp):
     columns = {"command": "Servo (µs)", "speed": "Motor Optical Speed (RPM):rpm"}
     told = identifiable(Stand(), [loaded(ramp, Stand(), columns)], {})
     assert told[0].startswith("rows are 5.52 s apart: no time constant below about 11 s can be told, nor one")
-    assert "--model map" in told[0]
+    assert "--machine map" in told[0]
     assert told[1].startswith("as a static map of 'speed': ")
     assert "lower limit (limit −0.0" in told[1]
     assert "curvature" in told[1]
@@ -178,5 +178,5 @@ def test_a_log_that_is_too_coarse_for_its_model_says_what_to_take(tmp_path):
     time = 5.5 * np.arange(60)
     rows = np.column_stack([time, np.sin(time), np.cos(time)])
     np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="t,force,position", comments="", fmt="%.5f")
-    with pytest.raises(RecordingError, match=r"one row every 5.5 s is too coarse .* or take --model map"):
+    with pytest.raises(RecordingError, match=r"one row every 5.5 s is too coarse .* or take --machine map"):
         load_recording(tmp_path / "log.csv", get_model("rig"))

@@ -82,7 +82,8 @@ def test_a_parameter_that_contradicts_itself_is_refused():
         Parameter("mass", "kg", 1.0, 1.0, 2.0, 0.0)
 
 
-def test_a_reality_comes_from_nothing_a_mapping_or_a_file(tmp_path):
+@pytest.mark.every("key", ["machine", "model"])  # model: files of 0.1
+def test_a_reality_comes_from_nothing_a_mapping_or_a_file(tmp_path, key):
     cart = Cart()
     assert read_reality(None, cart) == Reality()
     from_mapping = read_reality({"constant_force": {"force": 1.0}, "parameters": {"mass": 4.0}}, cart)
@@ -92,7 +93,7 @@ def test_a_reality_comes_from_nothing_a_mapping_or_a_file(tmp_path):
     save_yaml(
         {
             "schema": 1,
-            "model": "cart",
+            key: "cart",
             "parameters": {"mass": {"value": 4.0, "std": 0.1, "unit": "kg"}},
             "effects": {"constant_force": {"force": {"value": 1.0, "std": 0.2, "unit": "N"}}},
         },
@@ -104,7 +105,7 @@ def test_a_reality_comes_from_nothing_a_mapping_or_a_file(tmp_path):
 @pytest.mark.every(
     ("content", "message"),
     [
-        ("model: ship\neffects: {}\n", "made for model 'ship', not for 'cart'"),
+        ("machine: ship\neffects: {}\n", "made for machine 'ship', not for 'cart'"),
         ("model: cart\n", "needs the keys"),
         ("- 1\n", "needs the keys"),
         ("model: cart\neffects: {wind: {speed: 1}}\n", "no effect 'wind'"),

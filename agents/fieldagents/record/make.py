@@ -36,7 +36,7 @@ def record(config: RecordConfig, out: Path) -> dict[str, Path]:
     save_yaml(
         {
             "schema": SCHEMA,
-            "model": config.machine,
+            "machine": config.machine,
             "parameters": dict(truth.base),
             "effects": {name: dict(values) for name, values in truth.effects.items()},
         },

@@ -327,7 +327,8 @@ class Diagnosis:
         """The contract of ``diagnosis.json``: plain data, strictly valid JSON (null for unknown numbers)."""
         return {
             "schema": 2,
-            "model": self.model,
+            "machine": self.model,
+            "model": self.model,  # the key of 0.1
             "verdict": self.verdict,
             "summary": self.summary(),
             "causes": [c.to_json() for c in self.causes],

@@ -85,7 +85,7 @@ def _coarse(problem: Problem, base: Candidate) -> list[str]:
     longest = problem.parts[0].windows.samples * step
     return [
         f"rows are {step:.3g} s apart: no time constant below about {TOLD * step:.2g} s can be told, nor one "
-        f"much above the windows' {longest:.3g} s; for a machine that settles from row to row, --model map "
+        f"much above the windows' {longest:.3g} s; for a machine that settles from row to row, --machine map "
         "tells its dead zone, limits and curve instead"
     ]
 

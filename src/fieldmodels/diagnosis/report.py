@@ -51,7 +51,7 @@ def write_results(
         save_yaml(
             {
                 "name": "next",
-                "model": diagnosis.model,
+                "machine": diagnosis.model,
                 "input": str(paths["next_input.csv"]),
                 "duration": round(len(plan) * plan.step, 6),
                 "step": round(plan.step, 9),

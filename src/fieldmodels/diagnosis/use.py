@@ -141,7 +141,7 @@ def written(
 
     return {
         "schema": SCHEMA,
-        "model": model.name,
+        "machine": model.name,
         **({"hold": model.hold} if isinstance(model, Declaration) else {}),
         "parameters": exactly(parameters),
         "effects": {name: exactly(values) for name, values in effects.items()},

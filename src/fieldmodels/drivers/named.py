@@ -25,7 +25,7 @@ from fieldmodels.effects.curves import SIZE, Curve, curve
 from fieldmodels.effects.stock import Stock
 from fieldmodels.model import Model, ModelError
 from fieldmodels.model_files import is_model_file
-from fieldmodels.names import did_you_mean
+from fieldmodels.names import did_you_mean, machine_in
 from fieldmodels.reality import Reality, parse_reality, read_reality
 from fieldmodels.recording import Windows
 from fieldmodels.registry import get_model, model_names
@@ -234,15 +234,15 @@ def without_followed(model: Model, reality: Reality) -> tuple[Model, Reality]:
 
 
 def model_named_in(path: str | Path) -> str:
-    """The model that an ``extended.yaml`` or a ``bench.yaml`` is about.
+    """The machine that an ``extended.yaml`` or a ``bench.yaml`` is about.
 
     Raises:
         ModelError: If the file names none, or a Python file, which only its user may run.
     """
     data = load_yaml(Path(path))
-    name = data.get("model") if isinstance(data, Mapping) else None
+    name = machine_in(data) if isinstance(data, Mapping) else None
     if not isinstance(name, str) or not name:
-        raise ModelError(f"{path}: names no model; is it the extended.yaml of a diagnosis?")
+        raise ModelError(f"{path}: names no machine; is it the extended.yaml of a diagnosis?")
     if is_model_file(name):
         raise ModelError(f"{path}: names the Python file {name}, which is run only if you name it yourself")
     return name
@@ -260,7 +260,7 @@ def extended_model(path: str | Path, model: str = "") -> tuple[Model, FloatArray
     """
     name = model or model_named_in(path)
     if not (model or name in model_names()):
-        raise ModelError(f"{path}: is of {name!r}, a model of your own; give its file, too: --model FILE.py")
+        raise ModelError(f"{path}: is of your own {name!r}; give its file, too: --machine FILE.py")
     around, reality = apply_reality(get_model(name), path)
     return around, reality.vector(around)
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fieldmodels.arrays import FloatArray
+from fieldmodels.names import machine_in
 from fieldmodels.recording.data import RecordingError
 from fieldmodels.recording.tables import Table
 from fieldmodels.yaml import YamlError, load_yaml, save_yaml
@@ -106,7 +107,7 @@ class Bench:
     Attributes:
         columns: Signal (also ``t`` and ``episode``) to its column; the others are looked up by their names.
         rate: Rows a second, for logs without a column of times; None where there is one.
-        model: Name of the model that the signals belong to, empty for any.
+        model: Name of the machine that the signals belong to (``machine`` in the file), empty for any.
         aligned: Whether the clocks of several files were moved until command and response agree, so that no
             delay can be told.
     """
@@ -139,9 +140,9 @@ class Bench:
             data = load_yaml(Path(path))
         except YamlError as error:
             raise RecordingError(str(error)) from None
-        if not isinstance(data, dict) or not set(data) <= {"model", "rate", "columns", "aligned"}:
+        if not isinstance(data, dict) or not set(data) <= {"machine", "model", "rate", "columns", "aligned"}:
             raise RecordingError(
-                f"{path}: holds 'columns', and perhaps 'model', 'rate' and 'aligned', nothing else"
+                f"{path}: holds 'columns', and perhaps 'machine', 'rate' and 'aligned', nothing else"
             )
         columns, rate = data.get("columns") or {}, data.get("rate")
         if not isinstance(columns, dict):
@@ -149,12 +150,12 @@ class Bench:
         if rate is not None and not (_is_number(rate) and rate > 0):
             raise RecordingError(f"{path}: 'rate' is a positive number of rows a second, not {rate!r}")
         channels = {str(signal): _channel(path, signal, value) for signal, value in columns.items()}
-        named, aligned = str(data.get("model") or ""), data.get("aligned") is True
+        named, aligned = str(machine_in(data) or ""), data.get("aligned") is True
         return cls(channels, None if rate is None else float(rate), named, aligned)
 
     def save(self, path: str | Path) -> None:
         """Write a ``bench.yaml`` that ``load`` reads back to an equal one; whole or not at all."""
-        data: dict[str, object] = {"model": self.model} if self.model else {}
+        data: dict[str, object] = {"machine": self.model} if self.model else {}
         if self.rate is not None:
             data["rate"] = self.rate
         if self.aligned:

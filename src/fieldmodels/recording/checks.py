@@ -98,8 +98,8 @@ def check_length(recording: Recording, horizon: float) -> list[Problem]:
         hint = f"the time column looks like {unit}: declare it as 't=t:{unit}'; or {hint}"
     if not step * (MIN_SAMPLES - 1) <= horizon * (1 + 1e-9):
         remedy = (
-            f"sample faster, or predict over longer times ({longer_windows(step)}); or take --model map, if "
-            "the machine settles from row to row"
+            f"sample faster, or predict over longer times ({longer_windows(step)}); or take --machine map, "
+            "if the machine settles from row to row"
         )
         how = f"; {hint}" if step >= LEAST_COUNTED else ""
         return [
