@@ -87,12 +87,11 @@ def faults(page: str) -> Figure:
 
 def speed(page: str) -> Figure:
     """Steps of the environments, one alone and a row of many."""
-    rows = {row[0]: numbers(row[1])[0] for row in tables(page)[0][1:]}
-    names = [name.removesuffix(": a step") for name in rows if name.endswith(": a step")][::-1]
+    rows = {row[0]: [numbers(cell)[0] for cell in row[1:3]] for row in tables(page)[0][1:]}
+    names = list(rows)[::-1]
     figure, axes = bars(len(names), "steps of CartPole that one step takes")
     for k, name in enumerate(names):
-        alone = rows[f"{name}: a step"]
-        many = next(v for n, v in rows.items() if n.startswith(f"{name}: a row's step")) * alone
+        alone, many = rows[name][0], rows[name][0] * rows[name][1]
         axes.plot([many, alone], [k, k], color=LIGHT, linewidth=3, zorder=1)
         axes.plot(many, k, "D", color=GOOD, label="" if k else "one of many rows in a vector")
         axes.plot(alone, k, "o", color=DARK, label="" if k else "one alone")
@@ -163,14 +162,14 @@ def installation(page: str) -> Figure:
 
 def sweeps(page: str) -> Figure:
     """How long many jobs take on many processors."""
-    rows = [row for row in next(t for t in tables(page) if "processes" in t[0])[1:] if " jobs on " in row[0]]
+    rows = next(t for t in tables(page) if t[0][0] == "jobs on processors")[1:]
     figure, axes = bars(len(rows), "seconds until all jobs are done")
-    names = [row[0].split(",")[0] for row in rows][::-1]
-    for offset, column, colour, label in ((0.2, 1, DARK, "processes"), (-0.2, 2, LIGHT, "Ray")):
+    names = [row[0].replace("on", "jobs on") + " processors" for row in rows][::-1]
+    for offset, column, colour, label in ((0.2, 2, DARK, "processes"), (-0.2, 3, LIGHT, "Ray")):
         places = [k + offset for k in range(len(rows))]
         values = [numbers(row[column])[0] for row in rows][::-1]
         axes.barh(places, values, height=0.38, color=colour, label=label)
-    alone = [numbers(row[0])[2] for row in rows][::-1]
+    alone = [numbers(row[1])[0] for row in rows][::-1]
     axes.plot(alone, range(len(rows)), "|", color="black", markersize=22, label="the jobs alone")
     axes.set_yticks(range(len(rows)), names)
     figure.legend(frameon=False, ncols=3, loc="outside upper left")
