@@ -382,7 +382,7 @@ class ExcitationEnv(TaskEnv):
     response. 22 parameters are unknown: mass, inertia, centre of gravity, damping, stiffness. They enter
     the equations of motion linearly, *A x = F*, eq (4) of V. A. Sujan and S. Dubowsky, "An optimal
     information method for mobile manipulator dynamic parameter identification", IEEE/ASME Trans.
-    Mechatronics 8(2), 2003. A filter estimates them while the vehicle is shaken.
+    Mechatronics 8(2), 2003. A filter estimates them.
 
     Every 0.4 s the agent chooses the arm's next sinusoid f(t) = a0 + a sin(*w* t). The same motion runs
     three times, the arm turning about x, y and z: 18 equations a sample, 80 samples a decision, 25
@@ -390,7 +390,7 @@ class ExcitationEnv(TaskEnv):
 
     ## Action Space
 
-    `Box(-1, 1, (3,), float32)`. Clipped; numbers that are not finite raise `InvalidAction`.
+    `Box(-1, 1, (3,), float32)`.
 
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
@@ -455,7 +455,7 @@ class ExcitationEnv(TaskEnv):
     The vehicle is at rest. The arm is in the source's constant excitation (24), *a* = 40 deg, *w* = 90
     deg/s, *a0* = 45 deg, at phase 0. The filter has the prior's mean and variance. The vehicle is the
     `preset`, or one near it with `truth_spread`: train with 0.3, since an agent may memorise the schedule
-    of one vehicle. Truth and noise depend on the seed alone, never on the actions.
+    of one vehicle.
 
     ## Episode End
 
@@ -465,10 +465,9 @@ class ExcitationEnv(TaskEnv):
 
     ```python
     import gymnasium as gym
-    import fieldgym  # registers the environments
 
     gym.make(
-        "fieldgym/Excitation-v0",
+        "fieldgym:fieldgym/Excitation-v0",
         settings={"preset": "soft", "limits": "paper"},
         reality={"payload": {"mass": 0.2}},
         render_mode="rgb_array",
@@ -476,20 +475,18 @@ class ExcitationEnv(TaskEnv):
     gym.make_vec("fieldgym/Excitation-v0", num_envs=64)  # one kernel, same bits
     ```
 
-    `reality` takes effects of the model `excitation`, stock effects, or the path of a diagnosis's
-    `extended.yaml` (of the `soft` vehicle); the filters go on assuming eq (4). `render_mode` is `rgb_array`
-    (960 x 540, a frame a decision; `step_frames` slices it) or `human`. `get_state` and `set_state` restore
-    to the bit.
+    `reality` takes effects of the machine `excitation`, stock effects, or the path of an `extended.yaml` (of
+    the `soft` vehicle); the filters go on assuming eq (4). `render_mode` is `rgb_array` (960 x 540, a frame
+    a decision; `step_frames` slices it) or `human`. [What all environments share](../your_library.md).
 
     ## Matches, deviates, assumed
 
     - **Matches**: dynamics, unknowns, arm, noise, sampling and information; a constant action of (24) gives
       the source's motion.
-    - **Deviates**: the default filter compensates for the noise in *A*. The published Kalman filter takes
-      *A* for exact, which pulls the mass to half its value and shrinks the claimed deviations; it is scored
-      too.
-    - **Assumed**: ranges of the prior; limits of the arm and the passage between commands; a sensor's full
-      scale as its maximum under (24); the arm's length and axes.
+    - **Deviates**: the default filter compensates for the noise in *A*; the [published
+      one](../parameter_estimation.md), which takes *A* for exact, is scored too.
+    - **Assumed**: [what the source leaves open](../excitation.md); limits of the arm and the passage between
+      commands.
 
     ## Version History
 

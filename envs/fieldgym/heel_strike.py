@@ -337,24 +337,23 @@ class HeelStrikeEnv(TaskEnv):
     ## Description
 
     A pendulum stands in for the stance leg of the walking robot Ranger; its heel strikes the ground twice a
-    period. The robot estimates the leg's angle at the strike from a noisy gyro, a model, and the geometry
-    at each strike, eq (2.14) of A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015,
-    chapter 2. The estimator's gains are
+    period. The robot estimates the leg's angle from a noisy gyro, a model, and the geometry at each strike,
+    eq (2.14) of A. I. Chaudhry, "Topics in robot locomotion", Cornell University 2015, chapter 2. The
+    estimator's gains are
 
     - *S_MS*, model or sensor: 0 uses the model's acceleration alone, 1 the filtered gyro alone;
     - *S_HR*, heel-strike reset: the share of the geometry's angle that replaces the estimate at a strike;
     - *S_FD*, the gyro filter's decay, fixed at 2/(3 dt) = 333 / s, which is best for every *S_MS*.
 
-    Three noise amplitudes are hidden: the process torque, the unevenness of the floor, and the gyro noise
-    after a collision. Each switches between low and high, at a strike with probability 1/`dwell`. The best
-    gains depend on them, and the agent must infer them. One step is one stride of about 1 s. [Physics,
-    agents and results](../heel_strike.md).
+    Three noise amplitudes are hidden: of the process torque, the floor's unevenness, and the gyro after a
+    collision. Each switches between low and high, at a strike with probability 1/`dwell`. The agent must
+    infer them, since the best gains depend on them. One step is one stride of about 1 s. [Physics, agents
+    and results](../heel_strike.md).
 
     ## Action Space
 
-    `Box(-1, 1, (3,), float32)`: the gains of the coming stride, `low ** ((1 - action) / 2)`. Clipped;
-    numbers that are not finite raise `InvalidAction`. `(1, 1, 0)` is Ranger's own estimator but for its
-    filter.
+    `Box(-1, 1, (3,), float32)`: the gains of the coming stride, `low ** ((1 - action) / 2)`.
+    `(1, 1, 0)` is Ranger's own estimator but for its filter.
 
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
@@ -400,7 +399,7 @@ class HeelStrikeEnv(TaskEnv):
     ## Starting State
 
     The leg hangs straight down at 1 rad/s, which all estimators know; each noise level is low or high with
-    equal chance. Truth and noise depend on the seed alone, never on the actions.
+    equal chance.
 
     ## Episode End
 
@@ -410,10 +409,9 @@ class HeelStrikeEnv(TaskEnv):
 
     ```python
     import gymnasium as gym
-    import fieldgym  # registers the environments
 
     gym.make(
-        "fieldgym/HeelStrike-v0",
+        "fieldgym:fieldgym/HeelStrike-v0",
         settings={"collision_kind": "low_pass"},
         reality={"gyro_bias": {"rate": 0.004}},
         render_mode="rgb_array",
@@ -421,9 +419,9 @@ class HeelStrikeEnv(TaskEnv):
     gym.make_vec("fieldgym/HeelStrike-v0", num_envs=64)  # one kernel, same bits
     ```
 
-    `reality` takes effects of the model `heel_strike`, stock effects, or the path of a diagnosis's
-    `extended.yaml`; the estimators go on assuming the nominal leg. `render_mode` is `rgb_array` (960 x 540,
-    a frame a stride; `step_frames` slices it) or `human`. `get_state` and `set_state` restore to the bit.
+    `reality` takes effects of the machine `heel_strike`, stock effects, or the path of an `extended.yaml`;
+    the estimators go on assuming the nominal leg. `render_mode` is `rgb_array` (960 x 540, a frame a
+    stride; `step_frames` slices it) or `human`. [What all environments share](../your_library.md).
 
     ## Matches, deviates, assumed
 

@@ -361,18 +361,16 @@ class LineFollowingEnv(TaskEnv):
     The biped Ranger follows black tape by itself (A. I. Chaudhry, "Topics in robot locomotion", Cornell
     University 2015, chapter 3). A camera on its front looks at the floor about a metre ahead; its firmware
     finds the tape's pixels in the middle third of the rows and sends their mean column, or a flag if there
-    are too few. The robot turns while its inner legs stand, so that a turn shows in the next stride's
-    direction only.
+    are too few.
 
     One step is one stride of 0.70 m: the camera looks as the outer legs touch down; the body goes 0.35 m
-    straight on, then 0.35 m along the same heading over the inner feet, which turn it. Each episode has a
-    hidden steering bias. `fieldgym/LineFollowingPixels-v1` is the same task observed as the camera's image.
-    [Physics, agents and results](../line_following.md).
+    straight on, then 0.35 m along the same heading over the inner feet, which turn it, so that a turn shows
+    in the next stride only. Each episode has a hidden steering bias. [Physics, agents and
+    results](../line_following.md).
 
     ## Action Space
 
     `Box(-1, 1, (1,), float32)`: the turn of the coming stride in units of `limit`, 0.15 rad, left positive.
-    Clipped; numbers that are not finite raise `InvalidAction`.
 
     ## Observation Space
 
@@ -414,7 +412,7 @@ class LineFollowingEnv(TaskEnv):
     ## Starting State
 
     Up to `offset` (0.2 m) from the line and `misalignment` (0.1 rad) askew, at the beginning of an open
-    track or anywhere on a closed one. Noise depends on the seed alone, never on the actions.
+    track or anywhere on a closed one.
 
     ## Episode End
 
@@ -425,10 +423,9 @@ class LineFollowingEnv(TaskEnv):
 
     ```python
     import gymnasium as gym
-    import fieldgym  # registers the environments
 
     gym.make(
-        "fieldgym/LineFollowing-v1",
+        "fieldgym:fieldgym/LineFollowing-v1",
         settings={"track": "s", "plant": "pymunk", "friction": 0.2},
         reality={"steering_bias": {"turn": 0.01}},
         render_mode="rgb_array",
@@ -436,9 +433,9 @@ class LineFollowingEnv(TaskEnv):
     gym.make_vec("fieldgym/LineFollowing-v1", num_envs=64)  # one kernel, same bits
     ```
 
-    `reality` takes effects of the model `line_following`, stock effects, or the path of a diagnosis's
-    `extended.yaml`. `render_mode` is `rgb_array` (960 x 540, a frame a stride) or `human`. `get_state` and
-    `set_state` restore to the bit.
+    `reality` takes effects of the machine `line_following`, stock effects, or the path of an
+    `extended.yaml`. `render_mode` is `rgb_array` (960 x 540, a frame a stride) or `human`. [What all
+    environments share](../your_library.md).
 
     ## Matches, deviates, assumed
 
@@ -446,12 +443,11 @@ class LineFollowingEnv(TaskEnv):
       (3.1.1); camera, threshold, centroid, flag (3.3.2, 3.4.2, 3.5.1); tape and floor (Fig 3.13); turns of
       9 m, dark corner, shadow (3.6).
     - **Deviates**: images are grey unless `colour` is set; the body does not pitch.
-    - **Assumed**: when the sensor is read, where the second step goes; camera height, field of view; noise,
-      bias, limit; optics.
+    - **Assumed**: [what the source leaves open](../line_following.md); optics.
 
     ## Version History
 
-    - v1: `reward_limit` is 1 by default; with 3 a lost line costs 300, and PPO did not learn the S
+    - v1: `reward_limit` is 1 by default, not 3
     - v0: first version
     """
 
@@ -513,9 +509,8 @@ class LineFollowingPixelsEnv(LineFollowingEnv):
 
     ```python
     import gymnasium as gym
-    import fieldgym  # registers the environments
 
-    gym.make("fieldgym/LineFollowingPixels-v1", settings={"light": 0.5}, render_mode="rgb_array")
+    gym.make("fieldgym:fieldgym/LineFollowingPixels-v1", settings={"light": 0.5}, render_mode="rgb_array")
     gym.make_vec("fieldgym/LineFollowingPixels-v1", num_envs=16)
     ```
 

@@ -229,7 +229,7 @@ class PoseReachingEnv(TaskEnv):
 
     ## Action Space
 
-    `Box(-1, 1, (2,), float32)`. Clipped; numbers that are not finite raise `InvalidAction`.
+    `Box(-1, 1, (2,), float32)`.
 
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
@@ -273,8 +273,7 @@ class PoseReachingEnv(TaskEnv):
 
     ## Starting State
 
-    Drawn by `starts`; one in the goal itself is drawn anew. Starts depend on the seed alone.
-    `reset(options={"pose": (x, y, heading)})` starts there instead.
+    Drawn by `starts`, outside the goal, or given: `reset(options={"pose": (x, y, heading)})`.
 
     | Starts | Position | Heading |
     |--------|----------|---------|
@@ -292,10 +291,9 @@ class PoseReachingEnv(TaskEnv):
 
     ```python
     import gymnasium as gym
-    import fieldgym  # registers the environments
 
     gym.make(
-        "fieldgym/PoseReaching-v0",
+        "fieldgym:fieldgym/PoseReaching-v0",
         settings={"starts": "T1", "success": "loose"},
         reality={"actuator_lag": {"time_constant": 0.1}},
         render_mode="rgb_array",
@@ -303,10 +301,10 @@ class PoseReachingEnv(TaskEnv):
     gym.make_vec("fieldgym/PoseReaching-v0", num_envs=1024)  # one kernel, same bits
     ```
 
-    `reality` takes effects of the model `pose_reaching`, stock effects, or the path of a diagnosis's
-    `extended.yaml`. `render_mode` is `rgb_array` (960 x 540) or `human`; `unwrapped.show(memory=...,
-    chosen=...)` also draws an agent's remembered paths and the state that it acts on. `get_state` and
-    `set_state` restore to the bit.
+    `reality` takes effects of the machine `pose_reaching`, stock effects, or the path of an `extended.yaml`.
+    `render_mode` is `rgb_array` (960 x 540) or `human`; `unwrapped.show(memory=..., chosen=...)` also draws
+    an agent's remembered paths and the state that it acts on. [What all environments
+    share](../your_library.md).
 
     ## Matches, deviates, assumed
 

@@ -439,29 +439,26 @@ class UavRouteEnv(TaskEnv):
 
     An aircraft flies at a fixed height from waypoint to waypoint (A. I. Chaudhry, "Topics in robot
     locomotion", Cornell University 2015, chapter 4). A radar detects it by range and signature: next to
-    nothing within 30 degrees of nose and tail, much from its sides, most when it banks in a turn. Detected
-    for long enough, it is hit by a missile; hidden for long enough, it breaks the radar's lock (figure
-    4.2).
+    nothing within 30 degrees of nose and tail, much from its sides, most when it banks. Detected for long
+    enough, it is hit by a missile; hidden for long enough, it breaks the radar's lock (figure 4.2).
 
     One step is one straight leg at 0.25 km/s, banked at its beginning while it turns. The radars scan every
     5 s at most. [Physics, planners and results](../uav_route.md).
 
     ### Several aircraft
 
-    With `aircraft` above 1 all fly at once, each from its own start to its own goal. A step ends when the
-    first leg does; the others fly their legs on, whatever their action says. Actions and observations are
-    those of each aircraft in turn.
+    With `aircraft` above 1 all fly at once, each to its own goal. A step ends when the first leg does; the
+    others finish theirs, whatever their action says. Actions and observations are those of each in turn.
 
-    - `tracking="each"`: every radar follows each aircraft with timers of its own. Nothing couples them.
-    - `tracking="one"`: a free radar locks on the aircraft that it detects with the largest probability, and
-      ignores the others until that lock is lost or that flight is over (figure 4.2).
+    - `tracking="each"`: every radar follows each aircraft with timers of its own.
+    - `tracking="one"`: a free radar locks on the aircraft that it detects with the largest probability,
+      until that lock is lost or that flight is over (figure 4.2).
 
     Aircraft do not collide. Stock effects of signals act on a single aircraft only.
 
     ## Action Space
 
-    `Box(-1, 1, (2,), float32)`; several aircraft: `(2 aircraft,)`. Clipped; numbers that are not finite
-    raise `InvalidAction`.
+    `Box(-1, 1, (2,), float32)`; several aircraft: `(2 aircraft,)`.
 
     | Num | Action | -1 | 0 | +1 |
     |-----|--------|----|---|----|
@@ -538,9 +535,8 @@ class UavRouteEnv(TaskEnv):
     `layout="random"`: one radar in the middle of the map; the start 1 to 30 % outside the circle within
     which it detects an aircraft from the side, the goal mostly inside (0.69 to 0.995 of it), up to 60
     degrees aside. Further radars leave a route of two legs undetected. `layout="example"` is section
-    4.5.1's: from (350, 125) to (340, 0) km, the radar at (0, 0). Layouts and drawn scans depend on the seed
-    alone. Further aircraft have starts and goals drawn likewise; the example's second starts at (-350,
-    125), its goal mirrored.
+    4.5.1's: from (350, 125) to (340, 0) km, the radar at (0, 0). Further aircraft likewise; the example's
+    second starts at (-350, 125), its goal mirrored.
 
     ## Episode End
 
@@ -551,10 +547,9 @@ class UavRouteEnv(TaskEnv):
 
     ```python
     import gymnasium as gym
-    import fieldgym  # registers the environments
 
     gym.make(
-        "fieldgym/UavRoute-v1",
+        "fieldgym:fieldgym/UavRoute-v1",
         settings={"radars": 3, "lock_loss": False, "threshold": 0.6},
         reality={"wind": {"north": 20.0, "east": 0.0}},
         render_mode="rgb_array",
@@ -562,9 +557,9 @@ class UavRouteEnv(TaskEnv):
     gym.make_vec("fieldgym/UavRoute-v1", num_envs=1024)  # one kernel, same bits
     ```
 
-    `reality` takes effects of the model `uav_route`, stock effects, or the path of a diagnosis's
-    `extended.yaml`. `render_mode` is `rgb_array` (960 x 540, a frame a leg) or `human`;
-    `unwrapped.show(plan=...)` also draws an agent's plan. `get_state` and `set_state` restore to the bit.
+    `reality` takes effects of the machine `uav_route`, stock effects, or the path of an `extended.yaml`.
+    `render_mode` is `rgb_array` (960 x 540, a frame a leg) or `human`; `unwrapped.show(plan=...)` also draws
+    an agent's plan. [What all environments share](../your_library.md).
 
     ## Matches, deviates, assumed
 
@@ -572,13 +567,13 @@ class UavRouteEnv(TaskEnv):
       (4.5.1); certain (4.18) and drawn (4.2.2) detection.
     - **Deviates**: where the source is wrong (`reading="printed"` is the source's, but for the heading,
       which cannot be flown leg by leg). Legs have any length, not steps of 50 s.
-    - **Assumed**: speed, height, interpolation, thresholds, scan interval, capture radius, layouts, number
-      of legs, reward; `tracking="one"`.
+    - **Assumed**: [speed, height, interpolation, thresholds, scan interval](../uav_route.md); capture radius,
+      layouts, number of legs, reward; `tracking="one"`.
 
     ## Version History
 
-    - v1: default rewards that can be learned without lock loss too: progress is measured around the circle,
-      and progress, length and arrival count 4, 2 and 3 times as much
+    - v1: progress is measured around the circle; progress, length and arrival count 4, 2 and 3 times as much
+      by default
     - v0: first version
     """
 

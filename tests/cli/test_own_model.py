@@ -17,9 +17,10 @@ from fieldmodels.model import ModelError
 from fieldmodels.model_files import is_model_file, load_model_file
 from fieldmodels.registry import get_model, model_names
 
-PAGE = (Path(__file__).parents[2] / "docs" / "bring_your_own_bench.md").read_text()
-OWN = PAGE.split("## Your own simulator")[1]
-MOTOR, AXIS, CHAMBER, LAG = (block.split("```")[0] for block in OWN.split("```python\n")[1:])
+DOCS = Path(__file__).parents[2] / "docs"
+OWN = (DOCS / "bring_your_own_bench.md").read_text().split("## Your own simulator")[1]
+CHAMBER, LAG = ((DOCS / name).read_text() for name in ("chamber.py", "lag.py"))
+MOTOR, AXIS = (block.split("```")[0] for block in OWN.split("```python\n")[1:])
 
 
 @pytest.fixture
@@ -211,7 +212,7 @@ BROKEN_FILES = {
     "several models": (SECOND, r"defines 2 models; say which: .*motor\.py:Lag or .*motor\.py:Other"),
     "a method missing": (
         changed("def initial_states", "def initial_state"),
-        r"motor\.py:6: Lag does not implement initial_states",
+        r"motor\.py:8: Lag does not implement initial_states",
     ),
     "arguments wanted": (
         changed('name = "lag"', 'name = "lag"\n    def __init__(self, gain): ...'),

@@ -90,7 +90,7 @@ class Schedule(Agent):
 
 
 class RandomCommands(Agent):
-    """A new command at every decision, uniform within the limits."""
+    """Commands uniform within the limits."""
 
     def __init__(self) -> None:
         self._rng = np.random.default_rng(0)
@@ -295,31 +295,31 @@ def _search(
 
 AGENTS = (
     ReferenceAgent("constant", "The source's constant excitation, eq (24)", _constant),
-    _schedule("best_constant", "The constant command of least error on a grid, on tuning seeds"),
+    _schedule("best_constant", "The best constant command of a grid"),
     ReferenceAgent(
-        "random", "A new command at every decision, uniform within the limits", lambda _: RandomCommands()
+        "random", "Commands uniform within the limits", lambda _: RandomCommands()
     ),
-    _search("condition_number", "Least condition number of the sensed A, as section VII-A compares with"),
-    _search("printed_cost", "Cost (16) as printed, which is least at half of the bits"),
+    _search("condition_number", "Least condition number of A (section VII-A)"),
+    _search("printed_cost", "Cost (16) as printed"),
     ReferenceAgent(
         "printed_optimiser",
-        "(16) with frozen weights, adjusted by (17)-(23) from the command in force",
+        "(16) with frozen weights, optimised by (17)-(23)",
         lambda settings: PrintedOptimiser(read_settings(settings, ExcitationSettings)),
         "model",
     ),
-    _search("frozen_weight", "Cost (16) with its weights held at the current estimate: the reference"),
-    _search("sum_of_bits", "Most bits about all parameters together"),
-    _search("a_optimal", "Least mean variance in units of the prior's"),
-    _search("d_optimal", "Least volume of the ellipsoid of uncertainty"),
+    _search("frozen_weight", "Cost (16), weights frozen at the current estimate: the reference"),
+    _search("sum_of_bits", "Most bits about all parameters"),
+    _search("a_optimal", "Least mean variance"),
+    _search("d_optimal", "Least volume of the uncertainty ellipsoid"),
     _search("relative_error", "Least expected error as Table I counts it"),
     _search(
         "planner",
-        "Least expected error as Table I counts it, two decisions ahead, with three times the search",
+        "Least expected error two decisions ahead, with three times the search",
         "relative_error",
         PLANNER,
     ),
-    _schedule("schedule", "One schedule for all vehicles, by CMA-ES on vehicles drawn from the prior"),
+    _schedule("schedule", "Schedule for vehicles drawn from the prior, by CMA-ES"),
     _search("oracle_planner", "The planner, given the true vehicle", "relative_error", PLANNER, True),
-    _schedule("oracle_schedule", "One schedule for the true vehicle, by CMA-ES", "privileged"),
+    _schedule("oracle_schedule", "Schedule for the true vehicle, by CMA-ES", "privileged"),
 )
 """The reference agents, in the order of presentation."""

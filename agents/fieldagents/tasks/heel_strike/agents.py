@@ -187,14 +187,14 @@ def _estimator(name: str, title: str, sees: Sees = "observation", **extra: Any) 
     )
 
 
-FIXED_TUNED = "(2.14) with the best fixed S_MS and S_HR of a logarithmic grid from 0.001"
-GATED_TUNED = "(2.14) with the best fixed gains, S_MS apart for the time of the collision noise"
+FIXED_TUNED = "(2.14) with the best S_MS and S_HR of a logarithmic grid"
+GATED_TUNED = "(2.14) with the best fixed gains, S_MS apart during the collision noise"
 ADAPTIVE = "Log gains linear in the observation, tuned by CMA-ES"
 
 AGENTS = (
     _estimator(
         "ranger",
-        "Ranger's own estimator, (2.2)-(2.3): the integrated gyro, a tenth of the geometry at each strike",
+        "Ranger's estimator (2.2)-(2.3): the integrated gyro, a tenth of the geometry at each strike",
     ),
     ReferenceAgent(
         "ranger_tuned",
@@ -206,10 +206,10 @@ AGENTS = (
     ),
     ReferenceAgent(
         "sensor_only",
-        "Ranger's estimator as the action space has it: S_MS = 1, S_HR = 0.1",
+        "Ranger's estimator as an action: S_MS = 1, S_HR = 0.1",
         lambda _: FixedGains((1.0, 1.0, 0.1)),
     ),
-    _fixed("paper_grid", "The dissertation's tuning: (2.14), best of its grids of S_FD, S_MS and S_HR"),
+    _fixed("paper_grid", "(2.14) with the best of the source's grids of S_FD, S_MS and S_HR"),
     _fixed("fixed_tuned", FIXED_TUNED),
     _fixed("gated_tuned", GATED_TUNED),
     ReferenceAgent(
@@ -219,14 +219,14 @@ AGENTS = (
     ),
     ReferenceAgent(
         "regime_filter",
-        "Infers the hidden regime by a Gaussian hidden Markov model and mixes the gains tuned for each",
+        "Infers the regime by a Gaussian hidden Markov model and mixes the gains tuned for each",
         lambda settings: RegimeFilter(
             *(_tuned(settings, "regime_filter")[key] for key in ("means", "covariances", "actions", "dwell"))
         ),
     ),
     ReferenceAgent(
         "oracle_gains",
-        "The best gains for the regime of each stride, which it is given",
+        "The best gains for each stride's regime",
         lambda settings: OracleGains(_tuned(settings, "oracle_gains")["table"]),
         "privileged",
     ),
@@ -237,7 +237,7 @@ AGENTS = (
     ),
     _estimator(
         "imm",
-        "Bank of eight such filters (interacting multiple models), given all levels and the dwell",
+        "Eight extended Kalman filters (interacting multiple models), given levels and dwell",
         "model",
         bank=True,
     ),

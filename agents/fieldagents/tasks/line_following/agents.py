@@ -331,7 +331,7 @@ AGENTS = (
         lambda settings: Lqg(settings, tuned()["lqg"]["bend"], tuned()["lqg"]["effort"]),
         "model",
     ),
-    _linear("two_bands", "also sees a second band: weighs four places of each and four turns, by CMA-ES"),
+    _linear("two_bands", "weighs four places of each of two bands and four turns, by CMA-ES"),
     ReferenceAgent(
         "ceiling",
         "knows place, curvature and bias",

@@ -200,12 +200,12 @@ def _reference(
 AGENTS = (
     _reference(
         "path_memory_printed",
-        "The path memory to the letter: heading, offset and turn rate; argmax of zeros",
+        "The path memory as printed: heading, offset and turn rate",
         path_memory("graceful", AS_PRINTED),
     ),
     _reference(
         "path_memory",
-        "The path memory as it works: bearing and direction, nine smooth paths, 126 states",
+        "The path memory with bearing and direction: nine smooth paths, 126 states",
         path_memory("graceful", AS_IT_WORKS),
     ),
     _reference(
@@ -215,7 +215,7 @@ AGENTS = (
     ),
     _reference(
         "path_memory_dubins",
-        "The path memory as it works, taught by nine shortest paths",
+        "The path memory, taught by nine shortest paths",
         path_memory("dubins", AS_IT_WORKS),
     ),
     _reference(
@@ -225,7 +225,7 @@ AGENTS = (
     ),
     _reference(
         "nearest_neighbour",
-        "Speed and turn rate of the nearest state of 200 shortest paths with any heading",
+        "Command of the nearest state of 200 shortest paths",
         _neighbours(1),
     ),
     _reference(
@@ -235,7 +235,7 @@ AGENTS = (
     ),
     _reference(
         "own_data",
-        "Own training data: 300 s of random motion in hindsight, no teacher",
+        "Its own data: 300 s of random motion in hindsight",
         lambda settings: table_driver(settings, learned_table(settings, 0)),
     ),
     _reference(
@@ -245,7 +245,7 @@ AGENTS = (
     ),
     _reference(
         "graceful",
-        "The smooth control law of Park and Kuipers, the teacher of path_memory",
+        "The smooth law of Park and Kuipers, the teacher of path_memory",
         _graceful,
     ),
     _reference(
@@ -255,7 +255,7 @@ AGENTS = (
     ),
     _reference(
         "least_time",
-        "Near-optimal time by value iteration on the ideal robot and field: the ceiling",
+        "Near-optimal time by value iteration on the ideal robot: the ceiling",
         _least_time,
         "model",
     ),

@@ -384,7 +384,7 @@ AGENTS = (
     ),
     _reference(
         "receding",
-        "As legs, but a radar is known from 500 km on, planned anew then and every 100 km",
+        "As legs, but a radar is known within 500 km; plans anew then and every 100 km",
         lambda _: legs,
         sight=SIGHT,
         advance=ADVANCE,
