@@ -202,8 +202,8 @@ def main() -> None:
     print("\n".join(table))
     if given.publish:
         said = (
-            f"{RESULT}\n\nBy `make ecosystem`: lines of the training, seconds on one thread of a busy"
-            " machine, and the mean return of a hundred\nfresh episodes.\n\n"
+            f"{RESULT}\n\nLines of the training, seconds on one thread of a busy machine, mean return of a"
+            " hundred fresh episodes.\n\n"
         )
         PAGE.write_text(page.partition(RESULT)[0] + said + "\n".join(table) + "\n")
     sys.exit(any(r["outcome"] not in ("learns", "steps") and r["library"] != EXCUSED for r in rows))

@@ -66,8 +66,7 @@ class ExcitationSettings(Rules):
     reward: Annotated[
         Literal["bits", "relative_error"],
         Setting(
-            "What a decision is rewarded for: the `bits` that the filter gains, or halvings of the "
-            "expected `relative_error`."
+            "Reward for the `bits` that the filter gains, or for halvings of the expected `relative_error`."
         ),
     ] = "bits"
     weights: Annotated[
@@ -385,8 +384,8 @@ class ExcitationEnv(TaskEnv):
     Mechatronics 8(2), 2003. A filter estimates them.
 
     Every 0.4 s the agent chooses the arm's next sinusoid f(t) = a0 + a sin(*w* t). The same motion runs
-    three times, the arm turning about x, y and z: 18 equations a sample, 80 samples a decision, 25
-    decisions an episode. [Physics, agents and results](../excitation.md).
+    three times, the arm turning about x, y and z: 18 equations a sample, 80 samples a decision. [Physics,
+    agents and results](../excitation.md).
 
     ## Action Space
 
@@ -400,7 +399,6 @@ class ExcitationEnv(TaskEnv):
 
     All three pass to the new values within the 0.4 s by a quintic. The acceleration stays within 25 rad/s²
     (`paper`: 5); a steady sinusoid may use nine tenths of it, which cuts the amplitude.
-    `info["arm.command"]` holds the command in force.
 
     ## Observation Space
 
@@ -419,13 +417,12 @@ class ExcitationEnv(TaskEnv):
 
     ## Rewards
 
-    The bits that the filter gains in the step: the information about each parameter, eqs (9)-(15), in the
-    form that depends on its standard deviation alone, summed.
+    The bits about all parameters that the filter gains in the step, eqs (9)-(15), in the form that depends
+    on standard deviations alone.
 
-    With `reward="relative_error"`: log2 of the expected relative error before the step over that after it.
-    That error is the mean, over the parameters that are nominally not zero, of standard deviation over
-    nominal value; it ranks motions by Table I's error where bits do not. `weights` weigh groups of
-    parameters in either.
+    With `reward="relative_error"`: log2 of the expected relative error before the step over that after it,
+    the mean of standard deviation over nominal value (where not zero). It ranks motions by Table I's error
+    where bits do not. `weights` weigh groups of parameters in either.
 
     `info` holds after each step, and after `reset`
 
@@ -435,8 +432,7 @@ class ExcitationEnv(TaskEnv):
     | `error_percent` | average error in percent of the true value, over those that are not zero (Table I) |
     | `error_normalised` | average error in percent of the prior's range |
     | `bits_naive`, `error_percent_naive`, `error_normalised_naive` | of the published (naive) filter |
-    | `reached_20` | 1 while the average error is below 20 %, else 0 |
-    | `time_to_20` | since when it has been so, or the time so far [s] |
+    | `reached_20`, `time_to_20` | 1 while the error is below 20 %; since when, or the time so far [s] |
     | `time` | since the start [s] |
     | `noise_draw` | mean of the draws behind the latest sample's noise, in (-1, 1): equal for all agents |
     | `information` | about each parameter [bits], shape (22,) |
@@ -447,8 +443,7 @@ class ExcitationEnv(TaskEnv):
     | `variances` | of the noise of each measured signal, shape (3, 24) |
     | `privileged.truth`, `privileged.error` | 22 true values, and estimates less these |
 
-    Errors and `privileged` are for scoring only; an agent with a model may use `estimate`, `arm`, `base`,
-    `variances`.
+    An agent with a model may use `estimate`, `arm`, `base`, `variances`.
 
     ## Starting State
 

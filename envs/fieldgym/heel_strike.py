@@ -60,15 +60,14 @@ class HeelStrikeSettings(Regimes):
     score: Annotated[
         Literal["angle", "angle_and_floor"],
         Setting(
-            "`angle` scores the error just before the heel-strike reset; `angle_and_floor` adds the "
-            "floor's height error (section 2.4.5)."
+            "`angle` scores the error before the reset; `angle_and_floor` adds the floor's height "
+            "(section 2.4.5)."
         ),
     ] = "angle"
     reward_scale: Annotated[
         float | None,
         Setting(
-            "Error that costs a reward of one; None is the tuned Ranger's mean error under the kind's "
-            "default levels.",
+            "Error that costs a reward of one; None is the tuned Ranger's mean error.",
             "mm",
             above=0,
         ),
@@ -80,7 +79,7 @@ class HeelStrikeSettings(Regimes):
     tuned_reset: Annotated[
         float | None,
         Setting(
-            "S_HR of the tuned Ranger estimator; None is the best under the kind's default levels.",
+            "S_HR of the tuned Ranger estimator; None is the best.",
             least=0,
             most=1,
         ),
@@ -88,15 +87,14 @@ class HeelStrikeSettings(Regimes):
     bank: Annotated[
         bool,
         Setting(
-            "Also score the bank of Kalman filters (`error_mm_imm`); several times slower.",
+            "Also score the bank of Kalman filters; several times slower.",
             fixed="it adds an entry to the info",
         ),
     ] = False
     filterpy: Annotated[
         bool,
         Setting(
-            "Also run the Kalman filters by the library filterpy: equal, hundreds of times slower; needs "
-            "`fieldgym[filters]`.",
+            "Also run the Kalman filters by filterpy: hundreds of times slower; needs `fieldgym[filters]`.",
             fixed="it adds an entry to the info",
         ),
     ] = False
@@ -375,9 +373,9 @@ class HeelStrikeEnv(TaskEnv):
 
     ## Rewards
 
-    `-min(error / scale, reward_limit)`. `error` is the absolute error of the estimated foot height just
-    before the reset of the closing strike: |θ̂ - θ| times the step length of 0.35 m. `scale` is the mean
-    error of Ranger's tuned estimator, 3.5 mm (`ar1`) or 0.59 mm (`low_pass`).
+    `-min(error / scale, reward_limit)`. `error` is the absolute error of the estimated foot height before
+    the reset of the closing strike: |θ̂ - θ| times the step length of 0.35 m. `scale` is the mean error of
+    Ranger's tuned estimator, 3.5 mm (`ar1`) or 0.59 mm (`low_pass`).
 
     `info` holds after each step
 
@@ -387,14 +385,14 @@ class HeelStrikeEnv(TaskEnv):
     | `error_mm_ranger` | of Ranger's estimator as published, eq (2.2), (2.3) [mm] |
     | `error_mm_ranger_tuned` | of Ranger's with the best constant *S_HR* [mm] |
     | `error_mm_ekf`, `error_mm_imm` | of the Kalman filter; of a bank of eight that knows the levels [mm] |
-    | `error_mm_ekf_filterpy`, `error_mm_imm_filterpy` | by the library [mm] |
-    | `cost` | 1 if the error exceeds 3 mm, Ranger's accuracy on its long walk (section 2.3.2), else 0 |
+    | `error_mm_ekf_filterpy`, `error_mm_imm_filterpy` | by filterpy [mm] |
+    | `cost` | 1 if the error exceeds 3 mm, Ranger's accuracy (section 2.3.2), else 0 |
     | `gains` | *S_MS* early, *S_MS* late, *S_HR*, *S_FD* [1/s] of the stride |
     | `duration` | of the stride [s] |
     | `privileged.levels`, `.previous_levels` | process, floor, collision (1 high): coming, last stride |
-    | `privileged.signed_error_mm`, `.floor_mm` | signed error; floor height error, latest strike |
+    | `privileged.signed_error_mm`, `.floor_mm` | signed error; floor height error |
 
-    Errors, cost and `privileged` are for scoring only. `reset` returns the levels alone.
+    `reset` returns the levels alone.
 
     ## Starting State
 
@@ -426,9 +424,9 @@ class HeelStrikeEnv(TaskEnv):
     ## Matches, deviates, assumed
 
     - **Matches**: the pendulum (2.11), the estimators (2.2), (2.3), (2.14) and the noises.
-    - **Deviates**: noise amplitudes are hidden and switch; *S_MS* may differ within a stride; mean errors
-      are absolute. With equal levels and equal *S_MS* the task is the source's.
-    - **Assumed**: the push-off at a strike halves the difference to 1 rad/s; levels; dwell.
+    - **Deviates**: noise amplitudes are hidden and switch, *S_MS* may differ within a stride (with equal
+      levels and *S_MS* the task is the source's); mean errors are absolute.
+    - **Assumed**: push-off, levels, dwell.
 
     ## Version History
 

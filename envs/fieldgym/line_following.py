@@ -72,11 +72,9 @@ class LineFollowingSettings(WalkRules, Noise, Lighting):
     rgb_thresholds: RgbThresholds = Exposure.rgb_thresholds
     friction: Friction = Hardware.friction
     motor: MotorTorque = Hardware.motor
-    lost_offset: Annotated[
-        float, Setting("Distance from the line at which the episode ends.", "m", above=0)
-    ] = 1.0
+    lost_offset: Annotated[float, Setting("Distance at which the episode ends.", "m", above=0)] = 1.0
     lost_strides: Annotated[
-        int, Setting("Strides without sight of the line after which the episode ends.", least=1, most=100_000)
+        int, Setting("Strides without the line after which the episode ends.", least=1, most=100_000)
     ] = 5
     effort_weight: Annotated[float, Setting("Weight of changing the turn in the reward.", least=0)] = 0.1
     reward_limit: Annotated[
@@ -394,20 +392,16 @@ class LineFollowingEnv(TaskEnv):
 
     | Key | Meaning |
     |-----|---------|
-    | `offset` | distance from the line [m] |
-    | `effort` | change of the commanded turn [rad] |
+    | `offset`, `effort` | distance from the line [m]; change of the commanded turn [rad] |
     | `lost` | 1 if the line is not seen |
-    | `failed` | 1 if the episode ends for leaving the line |
+    | `failed` | 1 if the episode ends off the line |
     | `command` | the commanded turn [rad] |
-    | `start_offset` | distance from the line at the start [m] |
-    | `mean_offset` | mean distance since stride 15 [m]; strides that are missing count 1 m |
+    | `start_offset`, `mean_offset` | at the start; mean since stride 15, missing strides as 1 m [m] |
     | `near` | share of the strides since stride 15 within 0.10 m |
     | `overshoot` | farthest beyond the line so far, seen from the start [m] |
     | `privileged.offset`, `.heading` | against the line, signed [m, rad] |
     | `privileged.curvature`, `.curvature_ahead` | of the line here and a stride ahead [1/m] |
     | `privileged.bias` | steering bias [rad] |
-
-    Distances and `privileged` are for scoring only.
 
     ## Starting State
 

@@ -221,8 +221,8 @@ class PoseReachingEnv(TaskEnv):
 
     ## Description
 
-    A robot drives forwards on a walled field of 5 x 3 m. The ball lies at the centre, the origin; the robot
-    must reach it facing +y, "up" in the source's figures. It is the unicycle of section 5.1.4 of A. I.
+    A robot drives forwards on a walled field of 5 x 3 m. It must reach the ball at the origin, the centre,
+    facing +y, "up" in the source's figures. It is the unicycle of section 5.1.4 of A. I.
     Chaudhry, "Topics in robot locomotion", Cornell University 2015, chapter 5: dx/dt = *v* cos θ, dy/dt =
     *v* sin θ, dθ/dt = *ω*, with commanded *v* and *ω*. Both hold for one `tick` of 0.1 s, in which the
     robot drives an exact arc. [Physics, agents and results](../pose_reaching.md).
@@ -254,22 +254,19 @@ class PoseReachingEnv(TaskEnv):
 
     ## Rewards
 
-    `success_reward` on arrival, less `time_cost` a second, plus `progress_reward` for each metre by which
-    the distance to the ball has become shorter (a potential's difference), less `wall_cost` each time the
-    robot drives into a wall.
+    `success_reward` on arrival, less `time_cost` a second, plus `progress_reward` for each metre towards the
+    ball (a potential's difference), less `wall_cost` each time the robot drives into a wall.
 
     `info` holds after each step, and after `reset`
 
     | Key | Meaning |
     |-----|---------|
     | `success` | 1 if the robot has just arrived, else 0 |
-    | `time` | since the start of the episode, up to the instant of arrival [s] |
-    | `path_length` | driven since then [m] |
-    | `dubins_length` | of the shortest path from start to goal pose with turns of 0.3 m, without walls [m] |
-    | `dubins_time` | the time that it takes at `max_speed` [s] |
+    | `time`, `path_length` | since the start, up to the instant of arrival [s], [m] |
+    | `dubins_length`, `dubins_time` | of the shortest path with turns of 0.3 m [m]; at full speed [s] |
     | `wall_hits` | how often the robot has driven into a wall |
-    | `pose` | x, y [m] and heading [rad], what the observation is made of |
-    | `privileged.pose` | the true pose, which differs where a `reality` has a faulty sensor |
+    | `pose` | x, y [m] and heading [rad] as measured |
+    | `privileged.pose` | the true pose |
 
     ## Starting State
 

@@ -127,12 +127,10 @@ class UavRouteSettings(LegRules, LockLoss, Detection, Aircraft):
             fixed="its radars shape the observation",
         ),
     ] = "random"
-    lock_loss: Annotated[
-        bool, Setting("Whether a lock can be lost; without, whoever is detected is destroyed at once.")
-    ] = True
+    lock_loss: Annotated[bool, Setting("Whether a lock can be lost; else detection destroys at once.")] = True
     reading: Annotated[
         Literal["right", "printed"],
-        Setting("The source's equations as they should be (`right`) or as `printed`, but for the heading."),
+        Setting("The source's equations corrected (`right`) or as `printed`, but for the heading."),
     ] = "right"
 
     @property
@@ -486,7 +484,7 @@ class UavRouteEnv(TaskEnv):
     | 8-10 | slant range beyond that of a side-on detection: tanh of 5 km, tanh of 50 km, in 500 km | - |
     | 11, 12 | cosine and sine of its bearing | 1 |
     | 13-15 | lock-loss, engage and launch timer | their thresholds, at most 1 |
-    | 16 | 1 if it detected the aircraft when it scanned last | 1 |
+    | 16 | 1 if its last scan detected the aircraft | 1 |
 
     Several aircraft, `(aircraft * (10 + 10 radars),)`: for each the columns above, what is left of its leg
     (100 km), 1 while it flies, and for each radar 1 if it follows another.
@@ -513,17 +511,15 @@ class UavRouteEnv(TaskEnv):
     | `success`, `damaged` | 1 if the aircraft has just arrived, just been hit |
     | `time` | since the start [s] |
     | `path_length`, `remaining` | flown since then; distance to the goal [km] |
-    | `time_over` | time in which any radar detected it [s] |
-    | `longest_detection` | longest time without a break in which one radar did [s] |
-    | `largest_probability` | largest probability of detection that a radar's scan has had |
-    | `lock_losses` | how often an engaged radar lost its lock |
-    | `legs` | flown |
+    | `time_over`, `longest_detection` | time in which any radar detected it; unbroken, by one [s] |
+    | `largest_probability` | largest probability of detection of a scan |
+    | `lock_losses`, `legs` | how often an engaged radar lost its lock; legs flown |
     | `place` | north and east as the aircraft measures it [km] |
     | `course`, `radial` | of the last leg, clockwise from north; bearing of the nearest radar [rad] |
     | `timers` | lock-loss, engage and launch timer of each radar [s], shape (radars, 3) |
-    | `detected` | 1 for each radar that detected the aircraft when it scanned last, shape (radars,) |
+    | `detected` | 1 for each radar whose last scan detected the aircraft, shape (radars,) |
     | `layout.start`, `layout.goal`, `layout.radars` | north and east [km], shapes (2,), (2,), (radars, 2) |
-    | `privileged.place` | where it is, which differs where a `reality` has a faulty sensor [km] |
+    | `privileged.place` | the true place, if a sensor is faulty [km] |
 
     Of several aircraft, `success` is 1 if all have arrived, `damaged` if one is hit; `time`,
     `longest_detection` and `largest_probability` are the largest, other numbers sums; arrays have an axis

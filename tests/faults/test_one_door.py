@@ -24,8 +24,7 @@ from fieldmodels.registry import get_model
 from fieldmodels.settings import Setting
 from fieldmodels.yaml import YamlError, load_yaml, parse_yaml
 
-PAGE = (Path(__file__).parents[2] / "docs" / "bring_your_own_bench.md").read_text()
-LAG = PAGE.split("### A simulation that is not of this form")[1].split("```python\n")[1].split("```")[0]
+LAG = (Path(__file__).parents[2] / "docs" / "lag.py").read_text()
 
 LATE = {
     "a list": ("result = result.tolist()", None),

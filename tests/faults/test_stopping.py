@@ -143,7 +143,7 @@ main()
 @pytest.mark.nightly
 def test_exit_codes_are_those_of_the_page(log, tmp_path):
     page = (DOCS / "cli.md").read_text()
-    table = dict(re.findall(r"^\| (\d+) \| (.+) \|$", page, re.MULTILINE))
+    table = dict(re.findall(r"^- \*\*(\d+)\*\*: (.+)$", page, re.MULTILINE))
     assert set(table) == {"0", "1", "2", "130"}
     missing = "import fieldagents.record.make as m; m.make_recording = lambda config: 1 / 0"
     save_yaml(RECORD, tmp_path / "record.yaml")

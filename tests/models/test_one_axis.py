@@ -324,10 +324,15 @@ def test_scales_and_windows_of_a_long_recording_take_no_long_time_or_memory():
     assert len(scaled.windows(data, 0.5)) == 3000 // 0.51
 
 
-def test_the_models_page_names_every_effect_and_parameter():
-    page = (Path(__file__).parents[2] / "docs" / "models.md").read_text(encoding="utf-8")
+def test_the_pages_name_every_effect_and_parameter():
+    """Stock effects have their parameters on the page of realities, as effects of a command or a sensor."""
+    docs = Path(__file__).parents[2] / "docs"
+    models, realities = ((docs / f"{name}.md").read_text() for name in ("models", "realities"))
+    rows = [line for line in f"{models}\n{realities}".splitlines() if line.startswith("| `")]
     for name in BENCHES:
         for effect in bench(name).effects:
-            line = next(line for line in page.splitlines() if line.startswith(f"| `{effect.name}`"))
+            assert f"`{effect.name}`" in models
+            stock = effect.name.replace("actuator_", "u_").replace("sensor_", "y_")
+            own = [row for row in rows if f"`{effect.name}`" in row or f"`{stock}`" in row]
             for parameter in effect.parameters:
-                assert f"`{parameter.name}`" in line
+                assert any(f"`{parameter.name}`" in row for row in own), (effect.name, parameter.name)

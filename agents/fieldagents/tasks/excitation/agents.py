@@ -296,9 +296,7 @@ def _search(
 AGENTS = (
     ReferenceAgent("constant", "The source's constant excitation, eq (24)", _constant),
     _schedule("best_constant", "The best constant command of a grid"),
-    ReferenceAgent(
-        "random", "Commands uniform within the limits", lambda _: RandomCommands()
-    ),
+    ReferenceAgent("random", "Commands uniform within the limits", lambda _: RandomCommands()),
     _search("condition_number", "Least condition number of A (section VII-A)"),
     _search("printed_cost", "Cost (16) as printed"),
     ReferenceAgent(

@@ -155,8 +155,8 @@ LIMITS: Mapping[str, Limits] = MappingProxyType(
 NoiseKind = Annotated[
     Literal["full_scale", "running_max"],
     Setting(
-        "`full_scale`: each sensor's noise is a share of what it senses at most under the constant "
-        "excitation (24); `running_max`: of the maximum in this run so far."
+        "Each sensor's noise is a share of its maximum under the constant excitation (24) (`full_scale`) "
+        "or in this run so far (`running_max`)."
     ),
 ]
 NoiseFraction = Annotated[float, Setting('That share (the source: "up to 10 %").', least=0, most=1)]
@@ -185,47 +185,41 @@ class Rules:
 
     preset: Annotated[
         Literal["table1", "soft"],
-        Setting(
-            "The vehicle: `table1` has the true values of Table I, `soft` the same body on a suspension so "
-            "soft that its inertia shows."
-        ),
+        Setting("The vehicle: `table1` of Table I, `soft` the same body on a softer suspension."),
     ] = "table1"
     truth_spread: Annotated[
         float,
         Setting(
-            "Each episode's vehicle: mass, its distribution, lever arms, damping and stiffness of the "
-            "preset times factors from [1 - spread, 1 + spread].",
+            "Each episode's vehicle has the preset's mass, lever arms, damping and stiffness times "
+            "factors from [1 - spread, 1 + spread].",
             least=0,
             most=0.5,
         ),
     ] = 0.0
     limits: Annotated[
         Literal["paper", "wide"],
-        Setting(
-            "What the arm may do: `paper` up to 3 rad/s and 5 rad/s2; `wide` up to 12 rad/s and 25 rad/s2."
-        ),
+        Setting("Limits of the arm: `paper` 3 rad/s and 5 rad/s2; `wide` 12 rad/s and 25 rad/s2."),
     ] = "wide"
     noise: NoiseKind = SensorNoise.kind
     noise_fraction: NoiseFraction = SensorNoise.fraction
     estimator: Annotated[
         Literal["compensated", "low_passed", "naive"],
         Setting(
-            "Filter that is scored: `compensated` for the noise in its regressor, `low_passed` likewise on"
-            " means of 8 samples, or `naive`, as published.",
+            "Filter that is scored: `compensated`, `low_passed` (on means of 8 samples) or `naive`, as "
+            "published.",
             fixed="one kind of filter runs for all rows",
         ),
     ] = "compensated"
     variant: Annotated[
         Literal["full", "table2"],
         Setting(
-            "`full`: 22 unknowns; `table2`: an inclinometer and no accelerometer, five unknowns of pitch, "
-            "the others known.",
+            "`full`: 22 unknowns; `table2`: five, of pitch, without accelerometer.",
             fixed="it shapes the filters' equations",
         ),
     ] = "full"
     bits: Annotated[
         int,
-        Setting("Precision n of the channel in which information is counted.", "bits", least=1, most=20),
+        Setting("Precision n of the metric.", "bits", least=1, most=20),
     ] = BITS
 
     def __post_init__(self) -> None:

@@ -16,8 +16,7 @@ from fieldmodels.settings import Setting, check_declared, part_of
 PushOff = Annotated[
     float,
     Setting(
-        "Share of the speed error at a strike that the push-off removes (assumed 0.5); 0 is the source's "
-        "undamped pendulum.",
+        "Share of the speed error at a strike that the push-off removes; 0 is the source's pendulum.",
         least=0,
         most=1,
     ),
@@ -69,7 +68,7 @@ class CommonNoise:
     gyro: Annotated[
         float,
         Setting(
-            "Standard deviation of the gyro's white noise (section 2.3.1).",
+            "Standard deviation of the gyro's noise (section 2.3.1).",
             "rad/s",
             least=0,
             most=1,
@@ -87,8 +86,8 @@ class CommonNoise:
     envelope: Annotated[
         float,
         Setting(
-            "Time after a strike in which the collision noise dies down linearly (section 2.4.3), and for "
-            "which the first gain holds.",
+            "Time after a strike in which the collision noise dies down (section 2.4.3) and the first "
+            "gain holds.",
             "s",
             above=0,
             most=10,
@@ -100,10 +99,7 @@ class CommonNoise:
     ] = 0.25
     floor_one_sided: Annotated[
         bool,
-        Setting(
-            "Whether the floor's height is drawn from [0, h] (section 2.4.5), not from [-h, h] (section "
-            "2.6.1)."
-        ),
+        Setting("Draw the floor's height from [0, h] (section 2.4.5), not [-h, h] (section 2.6.1)."),
     ] = False
 
     def __post_init__(self) -> None:

@@ -123,7 +123,7 @@ class Noise:
     bias: Annotated[
         float,
         Setting(
-            "Largest steering bias; each episode draws its own from +- this, a stride.",
+            "Largest steering bias; each episode draws its own, a stride.",
             "rad",
             least=0,
             most=0.2,
@@ -184,9 +184,7 @@ Threshold = Annotated[
 Level = Annotated[float, Setting("", above=0, below=256)]
 RgbThresholds = Annotated[
     tuple[Level, Level, Level] | None,
-    Setting(
-        "Levels of red, green and blue below which, all three, a pixel is tape; None for `threshold` in each."
-    ),
+    Setting("Levels of red, green and blue; below all three a pixel is tape. None for `threshold` in each."),
 ]
 
 
@@ -240,14 +238,9 @@ class Lighting:
     ] = None
     sun: Annotated[
         tuple[Finite, Length] | None,
-        Setting(
-            "Direction [rad] and length [m] of the shadow that the sun makes the robot throw; None for no "
-            "sun."
-        ),
+        Setting("Direction [rad] and length [m] of the robot's shadow; None for no sun."),
     ] = None
-    sun_shade: Annotated[
-        float, Setting("Share of the light that is left in the shadow.", least=0, most=1)
-    ] = 0.25
+    sun_shade: Annotated[float, Setting("Share of the light in the shadow.", least=0, most=1)] = 0.25
 
     def __post_init__(self) -> None:
         """Check the numbers; see ``check_declared``."""
@@ -265,15 +258,14 @@ class WalkRules:
     plant: Annotated[
         Literal["kinematic", "pymunk"],
         Setting(
-            "`kinematic`: plane kinematics; `pymunk`: rigid bodies whose feet can slip and whose motor can"
-            " give way.",
+            "`kinematic`, or `pymunk`: rigid bodies whose feet can slip and whose motor can give way.",
             fixed="one kind of physics moves all rows",
         ),
     ] = "kinematic"
     sight: Annotated[
         Literal["geometry", "image"],
         Setting(
-            "`geometry` computes the line's centroid; `image` renders an image and runs the firmware on it.",
+            "`geometry` computes the line's centroid; `image` runs the firmware on an image.",
             fixed="images are kept of all rows or of none",
         ),
     ] = "geometry"
@@ -290,7 +282,7 @@ class WalkRules:
         int, Setting("Strides of a command's delay beyond the gait's own.", least=0, most=1)
     ] = 0
     camera_yaws_with_inner: Annotated[
-        bool, Setting("Whether the camera turns with the inner legs, not with the body.")
+        bool, Setting("The camera turns with the inner legs, not the body.")
     ] = False
     offset: Annotated[
         float, Setting("Largest distance from the line at the start.", "m", least=0, most=0.5)
@@ -298,9 +290,7 @@ class WalkRules:
     misalignment: Annotated[
         float, Setting("Largest heading error at the start.", "rad", least=0, most=0.5)
     ] = 0.1
-    sided: Annotated[
-        bool, Setting("Whether every episode starts at the largest distance, to either side.")
-    ] = False
+    sided: Annotated[bool, Setting("Every episode starts at the largest distance.")] = False
     tape: Annotated[
         Literal["duvetyne", "shurtape", "masking", "gaffer", "duvetyne_wide"],
         Setting("The tape; `duvetyne_wide` is twice as wide."),
@@ -310,7 +300,7 @@ class WalkRules:
     ] = "linoleum"
     colour: Annotated[
         bool,
-        Setting("Whether images have red, green and blue, not grey alone.", fixed="it shapes the images"),
+        Setting("Images have red, green and blue.", fixed="it shapes the images"),
     ] = False
 
     def __post_init__(self) -> None:

@@ -63,8 +63,7 @@ class Rules:
     drive: Annotated[
         Literal["unicycle", "omnidirectional"],
         Setting(
-            "`unicycle` drives forwards, as the source's robots were made to; `omnidirectional` also "
-            "backwards and sideways, as they can.",
+            "`unicycle` drives forwards; `omnidirectional` also backwards and sideways.",
             fixed="it shapes the actions",
         ),
     ] = "unicycle"
@@ -83,17 +82,14 @@ class Rules:
     max_rate: Annotated[float, Setting("Largest turn rate.", "rad/s", above=0, most=30)] = 4.0
     walls: Annotated[
         Literal["stop", "slide"],
-        Setting(
-            "`stop` holds the robot where it meets a wall until it has turned away; `slide` takes only the "
-            "component of its motion that leads into the wall."
-        ),
+        Setting("`stop`: the robot stands at a wall until it has turned away; `slide`: it slides along."),
     ] = "stop"
     time_cost: Annotated[float, Setting("Cost of a second.", least=0, most=1000)] = 1.0
     success_reward: Annotated[float, Setting("Reward of arriving.", least=0, most=1000)] = 10.0
     progress_reward: Annotated[
         float,
         Setting(
-            "Reward of a metre by which the distance to the ball has become shorter.",
+            "Reward of a metre towards the ball.",
             least=0,
             most=1000,
         ),

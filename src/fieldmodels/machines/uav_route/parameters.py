@@ -66,9 +66,7 @@ class Detection:
     ] = 0.5
     interpolation: Annotated[
         Interpolation,
-        Setting(
-            "Table 4.2 between its entries: `linear`, or `log`, in the logarithms of signature and range."
-        ),
+        Setting("Table 4.2 between its entries: `linear`, or `log` in signature and range."),
     ] = "linear"
     detection: Annotated[
         Literal["deterministic", "stochastic"],
@@ -80,7 +78,7 @@ class Detection:
     reach: Annotated[
         float,
         Setting(
-            "Slant range beyond which a radar does not scan: the largest of Table 4.2.",
+            "Slant range beyond which a radar does not scan.",
             "km",
             above=0,
         ),
@@ -113,8 +111,8 @@ class LockLoss:
     engaged: Annotated[
         Literal["accumulated", "unbroken", "elapsed"],
         Setting(
-            "What the engage timer of (4.6) counts: time detected, `accumulated` since the last lock loss "
-            "(printed) or `unbroken` (4.33); or all time `elapsed` since the first detection."
+            "What the engage timer (4.6) counts: time detected, `accumulated` since the last lock loss "
+            "(printed) or `unbroken` (4.33); or time `elapsed` since the first detection."
         ),
     ] = "accumulated"
 
@@ -241,14 +239,12 @@ class LegRules:
     least_leg: Annotated[float, Setting("Shortest leg.", "km", above=0, fixed=SCALE)] = 2.5
     longest_leg: Annotated[float, Setting("Longest leg.", "km", above=0, most=20_000, fixed=SCALE)] = 500.0
     length_cost: Annotated[float, Setting("Cost of a kilometre flown.", least=0)] = 0.02
-    progress_reward: Annotated[
-        float, Setting("Reward of a kilometre by which the goal has come nearer.", least=0)
-    ] = 0.04
+    progress_reward: Annotated[float, Setting("Reward of a kilometre towards the goal.", least=0)] = 0.04
     progress: Annotated[
         Literal["straight", "around"],
         Setting(
-            "How far the goal is, for that reward: `straight`, or `around` the circle in which the radar "
-            "next to the goal sees an aircraft's side."
+            "The way to the goal for that reward: `straight`, or `around` the circle in which its nearest "
+            "radar sees an aircraft's side."
         ),
     ] = "around"
     arrival_reward: Annotated[float, Setting("Reward of arriving.", least=0)] = 3.0
