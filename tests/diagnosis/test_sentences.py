@@ -142,7 +142,7 @@ def test_of_several_stages_curves_the_one_that_is_found_is_stated():
     assert turned.summary().startswith(SUMMARIES["a curve and an unconfirmed one"])
 
 
-@pytest.mark.parametrize("shape", HEADLINES)
+@pytest.mark.every("shape", HEADLINES)
 def test_the_answer_begins_with_what_is_wrong(shape):
     assert in_words(SHAPES[shape])[0].startswith(HEADLINES[shape])
 
@@ -159,7 +159,7 @@ def test_it_says_with_how_many_curves_the_error_falls(shape, added):
     assert added in " ".join(in_words(replace(SHAPES[shape], curve_effects={"x": {}})))
 
 
-@pytest.mark.parametrize("shape", CERTAINTIES)
+@pytest.mark.every("shape", CERTAINTIES)
 def test_it_says_how_sure_that_is(shape):
     assert how_sure(SHAPES[shape]) == CERTAINTIES[shape]
 
@@ -218,7 +218,7 @@ def test_of_many_outputs_those_are_said_first_of_which_it_is_most():
 COUNTED = r"delay|gain|bias|lag|stop|force|curve|dead zone|spring|payload|slope|drift"
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.every("shape", SHAPES)
 def test_every_sentence_is_a_sentence(shape, capsys):
     """Capital, end, articles, agreement; on the terminal, in the report, in a notebook and in the JSON."""
     found = SHAPES[shape]

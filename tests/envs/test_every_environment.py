@@ -343,7 +343,7 @@ def test_unknown_render_mode_is_refused(env_id):
         gym.make(env_id, render_mode="ascii")
 
 
-@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.every("mode", AutoresetMode)
 @needs_vector
 def test_native_vector_equals_scalar_environments_to_the_bit(env_id, mode):
     native = gym.make_vec(env_id, num_envs=3, autoreset_mode=mode)

@@ -33,7 +33,7 @@ def test_the_field_set_goes_on_and_a_rival_stands_beside_the_diagnosis(tmp_path,
         assert words in page.read_text()
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("words", "said"),
     [
         ("--set field --kind hills", "--set field: no kind of cases 'hills': it is of --set field-report"),

@@ -77,7 +77,7 @@ def test_a_lag_of_half_a_minute_loads_as_it_was_found():
     assert found.after["velocity"] == pytest.approx(NOISE["velocity"], rel=0.2)
 
 
-@pytest.mark.parametrize("words", [1, 12, 40])
+@pytest.mark.every("words", [1, 12, 40])
 def test_a_file_holds_names_of_any_length(words: int, tmp_path: Path):
     """A curve is named by what it depends on, which may be long."""
     data = {"effects": {f"force_over_{' times '.join(['voltage'] * words)}": {"at_1": 0.5}}, "equations": {}}

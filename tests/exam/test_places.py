@@ -101,7 +101,7 @@ def lines(machine: str) -> dict[str, tuple[str, ...]]:
     return {name: fault.shows for one in kinds for name, fault in one.items()}
 
 
-@pytest.mark.parametrize("family", [*FAMILIES, *ALONE], ids=lambda family: family[0])
+@pytest.mark.every("family", [*FAMILIES, *ALONE])
 def test_every_name_that_is_listed_exists_on_a_machine(family: tuple[str, ...]):
     models = [get_bench(name).model for name in family]
     known = {place: plain(set().union(*(places(m)[place] for m in models))) for place in places(models[0])}

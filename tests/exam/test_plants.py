@@ -16,7 +16,7 @@ from exam.plants.ruler import Ruler, Windows
 LENGTHS = {"line_following": 60.0, "heel_strike": 30.0, "uav_route": 3000.0, "excitation": 4.0}
 
 
-@pytest.mark.parametrize("name", bench_names())
+@pytest.mark.every("name", bench_names())
 def test_an_unlisted_fault_acts_the_more_the_larger_it_is_and_hardly_where_it_is_small(name: str):
     bench, conditions = get_bench(name), Conditions(duration=LENGTHS.get(name, 6.0), factor=0.0)
     plain = np.nan_to_num(bench.log([], conditions, 4, False).outputs)

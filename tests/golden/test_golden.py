@@ -48,7 +48,7 @@ def test_simulations_are_those_that_were_recorded(name):
     check(record.simulations(name))
 
 
-@pytest.mark.parametrize("task", fieldgym.TASKS)
+@pytest.mark.every("task", fieldgym.TASKS)
 def test_environments_are_those_that_were_recorded(task):
     check(record.episodes(task))
 

@@ -35,8 +35,8 @@ def written(path, **columns):
     return path
 
 
-@pytest.mark.parametrize("name", ["torque", "torque_cmd", "motor_torque_limit", "u"])
-@pytest.mark.parametrize("other", ["ch1", ""])
+@pytest.mark.every("name", ["torque", "torque_cmd", "motor_torque_limit", "u"])
+@pytest.mark.every("other", ["ch1", ""])
 def test_a_column_that_never_changes_is_no_command(tmp_path, run, name, other):
     moving = {other: run["u"]} if other else {}
     columns = {"time": run["t"], name: np.full(1500, 24.0), **moving, "winkel": run["y"]}
@@ -133,7 +133,7 @@ def test_counts_are_told_how_they_are_declared(tmp_path, run):
         load_recording(path, PENDULUM)
 
 
-@pytest.mark.parametrize("spec", ["enc%4096", "-enc%360:deg", "0.001*enc%4096-2:m", "2*enc%1e3+1.5"])
+@pytest.mark.every("spec", ["enc%4096", "-enc%360:deg", "0.001*enc%4096-2:m", "2*enc%1e3+1.5"])
 def test_a_period_is_read_as_written_and_kept(tmp_path, spec):
     channel = Channel.parse(spec, ("enc", "t"))
     assert (channel.column, str(channel)) == ("enc", spec.replace("1e3", "1000"))
@@ -275,7 +275,7 @@ def test_what_numbers_the_rows_is_no_signal(tmp_path, run):
     assert proposal.missing == ("torque",)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("name", "unit"),
     [
         ("power/W", "W"), ("omega/rad/s", "rad/s"), ("T / °C", "°C"), ("U/V", "V"),
@@ -286,7 +286,7 @@ def test_a_quantity_is_divided_by_its_unit(name, unit):
     assert unit_of(name) == unit
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("texts", "seconds"),
     [
         (("23:59:59", "0:00:04"), 5.0),
@@ -307,7 +307,7 @@ def test_times_as_loggers_write_them(tmp_path, texts, seconds):
     assert np.diff(read_table(tmp_path / "log.csv")["time"])[0] == pytest.approx(seconds, abs=1e-6)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("texts", "step"),
     [
         (("23:59:58", "23:59:58.500", "23:59:59", "23:59:59.500", "0:00:00"), 0.5),

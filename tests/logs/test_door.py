@@ -53,7 +53,7 @@ def known_as(path, model=RIG):
 # Units
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("header", "unit"),
     [
         ("x [mm]", "mm"), ("x (in/s)", "in/s"), ("x_mm", "mm"), ("x/mm", "mm"), ("x in mm", "mm"),
@@ -70,7 +70,7 @@ def test_a_unit_is_read_from_any_notation(header, unit):
     assert unit_of(header) == unit
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     "header",
     [
         "time (s),force (kip),position (in),velocity (in/s)",
@@ -220,7 +220,7 @@ def test_topics_of_one_file_are_not_moved(tmp_path):
     assert delayed(recording_of(table, proposal.bench(), Motor())) == pytest.approx(0.15, abs=0.015)
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("offset", "units", "why"),
     [
         (100.0, 1.0, "their times do not overlap"),
@@ -261,7 +261,7 @@ def test_a_channel_that_both_recorded_tells_the_shift_and_leaves_the_delay(tmp_p
     assert delayed(read) == pytest.approx(0.15, abs=0.015)
 
 
-@pytest.mark.parametrize(("drift", "offset"), [(200e-6, 0.0), (-200e-6, 3.2), (0.0, 0.0), (0.0, 3.2)])
+@pytest.mark.every(("drift", "offset"), [(200e-6, 0.0), (-200e-6, 3.2), (0.0, 0.0), (0.0, 3.2)])
 def test_a_channel_that_both_recorded_tells_a_drift_and_leaves_the_delay(tmp_path, drift, offset):
     """Ten minutes, at the end of which two clocks are 0.12 s further apart than at their beginning."""
     rng, t = np.random.default_rng(4), 0.02 * np.arange(30_000)
@@ -311,8 +311,8 @@ class Wheels(Machine):
         return p.gain * input.throttle - state.speed, -state.turn_rate
 
 
-@pytest.mark.parametrize("gyro", ["W (IMU)", "imu.gyro.z", "gyro_z", "yaw_rate"])
-@pytest.mark.parametrize("encoder", ["vel encoder", "wheel speed", "odom.vel", "v"])
+@pytest.mark.every("gyro", ["W (IMU)", "imu.gyro.z", "gyro_z", "yaw_rate"])
+@pytest.mark.every("encoder", ["vel encoder", "wheel speed", "odom.vel", "v"])
 def test_a_speed_is_an_encoders_and_a_turn_rate_a_gyros(tmp_path, gyro, encoder):
     """The gyro's column stands first, and no unit is stated."""
     t = 0.01 * np.arange(1000)
@@ -331,8 +331,8 @@ def driven(seed=3):
     return 0.01 * np.arange(len(command)), command, speed + 0.003 * rng.normal(size=len(command))
 
 
-@pytest.mark.parametrize("lost", ["voltage", "speed"])
-@pytest.mark.parametrize("names", ["time,duty,velocity", "t,voltage,speed"])
+@pytest.mark.every("lost", ["voltage", "speed"])
+@pytest.mark.every("names", ["time,duty,velocity", "t,voltage,speed"])
 def test_a_magnitude_is_said_and_no_sign_proposed_for_it(tmp_path, lost, names):
     t, command, speed = driven()
     sized = [t, np.abs(command), speed] if lost == "voltage" else [t, command, np.abs(speed)]
@@ -362,7 +362,7 @@ CODINGS = {
 }
 
 
-@pytest.mark.parametrize(("coding", "size"), [(c, s) for c in CODINGS for s in (150, 900)] + [("int16", 3e4)])
+@pytest.mark.every(("coding", "size"), [(c, s) for c in CODINGS for s in (150, 900)] + [("int16", 3e4)])
 def test_signed_numbers_in_cells_without_a_sign_are_recognised(tmp_path, coding, size):
     t, command, speed = driven()
     counts = np.round(size * speed / np.abs(speed).max())
@@ -380,7 +380,7 @@ def test_signed_numbers_in_cells_without_a_sign_are_recognised(tmp_path, coding,
         recording_of(read_table(plain), Bench(), Motor())
 
 
-@pytest.mark.parametrize("coding", CODINGS)
+@pytest.mark.every("coding", CODINGS)
 def test_what_may_be_signed_has_lost_no_samples(tmp_path, coding):
     """One row below zero leaps over the whole range of an undeclared coding, as a spike does."""
     t, command, speed = driven()
@@ -430,7 +430,7 @@ def lying(kind):
     return t, command, speed
 
 
-@pytest.mark.parametrize("kind", ["goes back", "jumps", "stands still"])
+@pytest.mark.every("kind", ["goes back", "jumps", "stands still"])
 def test_a_clock_that_lies_is_said_with_its_row(tmp_path, kind):
     path = written(tmp_path / "log.csv", "t,voltage,speed", *lying(kind))
     with pytest.warns(match=rf"column 't': the clock {kind}.* at row 702"):

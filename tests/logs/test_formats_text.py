@@ -78,7 +78,7 @@ def test_a_log_is_read_as_it_was_measured(tmp_path, name):
     assert {name: error for name, error in errors(told, recording).items() if error > 0.05} == {}
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("name", "columns", "rows", "step", "units"),
     [
         ("long_single_header_multi_ch", "F m_1 m_2", 16_384, 0.000977, ("g", "m/s^2", "m/s^2")),
@@ -130,7 +130,7 @@ def test_labviews_header_tells_starts_steps_and_units_as_windows_writes_them(tmp
     assert [values["Oven"].tolist(), values["U (2)"].tolist()] == [[20.5, 21.5], [1.5, 2.5, 3.5, 4.5]]
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("name", "episodes", "rows"),
     [("real-action-state-dataset", 32, 2900), ("response", 96, 8516), ("drop-response-1", 1, 353)],
 )
@@ -233,7 +233,7 @@ def table_of(folder: Path, text: str) -> Table:
 ROWS = "".join(f"{k / 100},{k % 7}.5\n" for k in range(300))
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     "head",
     [
         "Specimen,17\nGain,2.0\n\nTime,Force\ns,kN\n",
@@ -253,7 +253,7 @@ def test_a_first_row_that_is_no_number_is_no_pair(tmp_path):
         table_of(tmp_path, f"t,x\nerr,1\n{ROWS}").read(["t"])
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("line", "columns"),
     [
         ("t_ms: {t}, sp: {v:.2f}, err: 0", {"t_ms": "ms", "sp": "", "err": ""}),
@@ -279,7 +279,7 @@ def test_lines_of_names_and_values_are_rows(tmp_path, line, columns):
         load_recording(table_of(tmp_path, "\n".join(["boot", *lines, ""])).path, rate=100.0)
 
 
-@pytest.mark.parametrize("line", ["{t},gear 1:5,{v}", "{t} a:1 b:2", "2026-01-01T10:{t:02d}Z,{v}"])
+@pytest.mark.every("line", ["{t},gear 1:5,{v}", "{t} a:1 b:2", "2026-01-01T10:{t:02d}Z,{v}"])
 def test_a_table_with_a_colon_in_its_cells_is_no_console(tmp_path, line):
     text = "\n".join(line.format(t=k, v=k % 7 + 0.5) for k in range(50))
     assert not table_of(tmp_path, text).dialect.pairs
@@ -312,7 +312,7 @@ def test_channels_side_by_side_have_the_times_at_their_left(tmp_path):
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("head", "second"),
     [
         ("time [s],u,time [ms],y", lambda t: t), ("time,u,elapsed time,y", lambda t: 1000 * t),
@@ -356,7 +356,7 @@ def test_a_unit_behind_a_number_is_that_of_its_column(tmp_path):
         table_of(tmp_path, "t,u,v,state\n" + "".join(rows))["u"]
 
 
-@pytest.mark.parametrize("mark", ['3" pipe', '"3"" pipe"', "pipe"])
+@pytest.mark.every("mark", ['3" pipe', '"3"" pipe"', "pipe"])
 def test_a_quote_within_a_cell_does_not_go_on_in_the_next_line(tmp_path, mark):
     table = table_of(tmp_path, "t,x,what\n" + "".join(f"{k / 100},{k % 7},{mark}\n" for k in range(300)))
     assert table.header == ("t", "x", "what")

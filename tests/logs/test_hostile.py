@@ -96,7 +96,7 @@ def test_a_row_that_the_logger_left_half_written_is_left_out(tmp_path):
     refused(path, "cells, but the header has 3")
 
 
-@pytest.mark.parametrize("wrong", ["3.0,4,1\n", "3.0,4,1,1,5\n", "3.0,4,1\n3.01,4,1,1,5\n"])
+@pytest.mark.every("wrong", ["3.0,4,1\n", "3.0,4,1,1,5\n", "3.0,4,1\n3.01,4,1,1,5\n"])
 def test_rows_with_cells_too_few_or_too_many_are_refused(tmp_path, wrong):
     path = tmp_path / "log.csv"
     path.write_text("t,force,position,mode\n" + ROWS.replace("\n", ",1\n") + wrong + "3.1,2,3,1\n")
@@ -137,7 +137,7 @@ def test_pickled_objects_are_not_loaded(tmp_path):
     refused(tmp_path / "log.npy", "pickled")
 
 
-@pytest.mark.parametrize(
+@pytest.mark.every(
     ("module", "name", "start"),
     [
         ("pyarrow", "parquet", b"PAR1"),

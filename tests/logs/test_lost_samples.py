@@ -100,8 +100,8 @@ def test_what_stands_in_the_place_of_lost_samples_is_no_finer_than_the_sensor(tm
     assert recording["speed"][300] in set(np.delete(recording["speed"], 300))
 
 
-@pytest.mark.parametrize(("value", "kind"), [(0.0, "drop-outs"), (-9999.0, "drop-outs"), (np.nan, "empty")])
-@pytest.mark.parametrize("first", [600, 650])  # where the motor turns round, and where it runs on
+@pytest.mark.every(("value", "kind"), [(0.0, "drop-outs"), (-9999.0, "drop-outs"), (np.nan, "empty")])
+@pytest.mark.every("first", [600, 650])  # where the motor turns round, and where it runs on
 def test_a_sentinel_for_a_few_rows_is_a_drop_out(tmp_path, value, kind, first):
     columns = logged()
     columns["speed"][first : first + 12] = value
@@ -215,7 +215,7 @@ REAL = {
 }
 
 
-@pytest.mark.parametrize("what", REAL)
+@pytest.mark.every("what", REAL)
 def test_what_may_be_real_is_kept(what):
     values, inert = REAL[what]
     assert lost_in({"y": Sensor(values, TIME, np.zeros(COUNT), inert)}, [], True) == {}

@@ -85,7 +85,7 @@ def test_steepest_descent_is_another_direction_than_equation_23():
     assert 1e-3 < short.cost < cost(linear(np.array([[1.2, 2.0, -1.0]])))[0]
 
 
-@pytest.mark.parametrize("kind", ["levenberg_marquardt", "gauss_newton", "steepest_descent"])
+@pytest.mark.every("kind", ["levenberg_marquardt", "gauss_newton", "steepest_descent"])
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(start=arrays(np.float64, 3, elements=st.floats(0.0, 1.0)))
 def test_a_step_never_costs_and_never_leaves_the_range(kind, start):

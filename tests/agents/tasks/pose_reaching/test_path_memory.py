@@ -129,7 +129,7 @@ def test_errata_of_the_worked_example():
     assert DISTANCE.values[-1] == pytest.approx(1.6)  # of 2.9 m to the corner of the field
 
 
-@pytest.mark.parametrize("grid", [EXAMPLE_DISTANCE, EXAMPLE_ANGLE, BEARING])
+@pytest.mark.every("grid", [EXAMPLE_DISTANCE, EXAMPLE_ANGLE, BEARING])
 @given(data=st.data())
 def test_lambda_is_a_tent(grid, data):
     """Interpolation of (0.25, 0.5, 0.25) is max(0, 0.5 - 0.25 |x - c| / h), on any grid."""
@@ -150,7 +150,7 @@ GRIDS = {
 }
 
 
-@pytest.mark.parametrize("grids", GRIDS.values(), ids=GRIDS)
+@pytest.mark.every("grids", GRIDS.values())
 @settings(max_examples=40, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
@@ -228,7 +228,7 @@ def test_bearing_runs_from_below_by_the_right_to_above():
     np.testing.assert_allclose(inputs[:, 0], 1)
 
 
-@pytest.mark.parametrize("reading", [AS_IT_WORKS, AS_PRINTED, replace(AS_IT_WORKS, offset=True)])
+@pytest.mark.every("reading", [AS_IT_WORKS, AS_PRINTED, replace(AS_IT_WORKS, offset=True)])
 @given(
     x=st.floats(0.01, 2.5), y=st.floats(-1.5, 1.5), heading=st.floats(-3.1, 3.1)
 )  # fmt: skip
