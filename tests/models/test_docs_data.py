@@ -30,26 +30,32 @@ def test_the_page_on_a_bench_of_ones_own_has_the_models_signals():
         (row,) = [line for line in text.splitlines() if line.startswith(f"| `{name}`")]
         model = get_model(name)
         for signal in (*model.inputs, *model.outputs):
-            assert f"`{signal.name}` [{signal.unit}]" in row
+            assert re.search(rf"`{signal.name}`(, `\w+`)* \[{re.escape(signal.unit)}\]", row)
 
 
-def test_the_data_pages_declarations_and_message_are_real(tmp_path, monkeypatch):
+def test_the_data_pages_declarations_are_real(tmp_path, monkeypatch):
     text = (DOCS / "data.md").read_text()
     monkeypatch.chdir(tmp_path)
     Path("log.csv").write_text("stamp,pos,tau\n" + "".join(f"{i},{i % 9},{i % 5}\n" for i in range(400)))
     scope: dict = {}
-    exec("\n".join(blocks("data.md", "python")), scope)
+    (saved,) = re.findall(r"`(fg\.save\(.+?\))`", text)
+    exec("\n".join([*blocks("data.md", "python"), saved]), scope)
     assert scope["recording"].step == pytest.approx(1e-3)
     assert load_recording("log.parquet").units["angle"] == "rad"
-
-    shown = next(block for block in blocks("data.md", "") if "2 problems" in block)
-    rows = [f'{i / 100},"0,5",1' if i == 3 else f"{i / 100},1,{'' if i == 7 else 1}" for i in range(99)]
-    Path("log.csv").write_text("\n".join(["t,torque,angle", *rows]))
-    with pytest.raises(RecordingError) as caught:
-        load_recording("log.csv", get_model("pendulum"))
-    assert str(caught.value) == shown.strip()
     for name in dataset_names():
         assert name in text or f"`{name.split('/')[1]}`" in text
+
+
+def test_all_problems_are_named_at_once_with_place_and_remedy(tmp_path):
+    rows = [f'{i / 100},"0,5",1' if i == 3 else f"{i / 100},1,{'' if i == 7 else 1}" for i in range(99)]
+    (tmp_path / "log.csv").write_text("\n".join(["t,torque,angle", *rows]))
+    with pytest.raises(RecordingError) as caught:
+        load_recording(tmp_path / "log.csv", get_model("pendulum"))
+    assert str(caught.value).splitlines()[1:] == [
+        "  - column 'torque', row 5: '0,5' has a decimal comma; write 0.5",
+        "  - column 'angle', row 9: the cell is empty or NaN; leave such rows out (gaps of up to four are "
+        "then filled, longer ones begin a new episode), or fill them",
+    ]
 
 
 def test_the_data_page_unwraps_counters_and_reads_temperatures(tmp_path):
@@ -74,7 +80,7 @@ def test_the_data_page_unwraps_counters_and_reads_temperatures(tmp_path):
     commands = [line for line in section.splitlines() if line.startswith("fieldgym diagnose")]
     found = {}
     for line in commands:
-        model = Oven() if "oven.py" in line else get_model(line.split("--model ")[1].split()[0])
+        model = Oven() if "oven.py" in line else get_model(line.split("--machine ")[1].split()[0])
         signal, spec = line.split("--column ")[1].split("=")
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -86,6 +92,6 @@ def test_the_data_page_unwraps_counters_and_reads_temperatures(tmp_path):
 
 
 def test_the_data_page_lists_every_unit():
-    table = (DOCS / "data.md").read_text().split("| quantity | units |")[1].split("\n\n")[0]
-    listed = {word.strip() for word in re.split(r"[,;|()]", table)}
+    units = (DOCS / "data.md").read_text().split("Known units:\n\n- ")[1].split("\n\n")[0]
+    listed = {word.strip() for word in re.split(r"[,;()]|\n- ", units)}
     assert set(known_units()) <= listed

@@ -2,9 +2,7 @@
 
 import itertools
 import math
-import re
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -159,12 +157,3 @@ def test_bad_input_is_named():
         dubins_path([0.0, 1.0, 0.0], [0, 0, 0], 0.0)
     with pytest.raises(ModelError, match="word"):
         dubins_path([0.0, 1.0, 0.0], [0, 0, 0], RADIUS, "LLL")
-
-
-def test_the_example_of_the_page_runs(capsys):
-    page = Path(__file__).parents[2] / "docs" / "pose_reaching.md"
-    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
-    exec(compile(code, page.name, "exec"), {"__name__": "example"})
-    word, length, *_ = capsys.readouterr().out.split()
-    assert word in WORDS
-    assert float(length) >= math.hypot(1.0, 0.5)
