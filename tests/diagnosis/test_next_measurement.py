@@ -9,6 +9,7 @@ from fieldagents.config import ConfigError, load_config
 from fieldagents.record import make_recording
 from fieldagents.record.config import RecordConfig
 from fieldmodels.diagnosis import Diagnosis, diagnose
+from fieldmodels.diagnosis.options import DiagnosisOptions
 from fieldmodels.diagnosis.planned_inputs import limits_of, planned, shapes
 from fieldmodels.diagnosis.report import write_results
 from fieldmodels.recording import Recording, RecordingError
@@ -33,11 +34,14 @@ def named(found: Diagnosis) -> list[set[str]]:
     return [{cause.effect, *cause.alternatives} for cause in found.causes]
 
 
-@pytest.fixture(scope="module")
-def late() -> tuple[list[Recording], Diagnosis]:
+@pytest.fixture(scope="module", params=["rules", "evidence"])
+def late(request: pytest.FixtureRequest) -> tuple[list[Recording], Diagnosis, DiagnosisOptions]:
     """A rig whose command is 6 ms late, for which a lag is as good an explanation."""
-    records = recorded({"actuator_delay": {"delay": 0.006}}, 9)
-    return records, diagnose(RIG, records[:1], records[1:])
+    records, options = (
+        recorded({"actuator_delay": {"delay": 0.006}}, 9),
+        DiagnosisOptions(engine=request.param),
+    )
+    return records, diagnose(RIG, records[:1], records[1:], options=options), options
 
 
 def test_every_planned_input_keeps_to_the_recorded_range_and_rate():
@@ -55,7 +59,7 @@ def test_every_planned_input_keeps_to_the_recorded_range_and_rate():
 
 @pytest.mark.nightly
 def test_the_plan_keeps_the_machine_where_it_has_been(late):
-    records, found = late
+    records, found, _ = late
     assert found.verdict == "ambiguous"
     assert named(found) == [{"actuator_lag", "actuator_delay"}]
     plan = found.next_measurement.plan
@@ -70,10 +74,9 @@ def test_the_plan_keeps_the_machine_where_it_has_been(late):
     assert "nothing beyond what was recorded" in found.next_measurement.why
 
 
-@pytest.mark.nightly
 def test_the_planned_measurement_decides_between_lag_and_delay(late, tmp_path):
     """From the first diagnosis to the second through the files that a user has."""
-    records, found = late
+    records, found, options = late
     expected = found.next_measurement.input
     assert expected["nats"] == max(expected["nats"], *expected["compared"].values())
     assert 0.5 < expected["probability"] <= 1.0
@@ -84,7 +87,7 @@ def test_the_planned_measurement_decides_between_lag_and_delay(late, tmp_path):
     again = make_recording(config)
     np.testing.assert_allclose(again["force"], found.next_measurement.plan["force"])
     assert len(again) == round(expected["duration_s"] / 0.01)
-    second = diagnose(RIG, [records[0], again], records[1:])
+    second = diagnose(RIG, [records[0], again], records[1:], options=options)
     assert named(second) == [{"actuator_delay"}]
     assert second.causes[0].parameters["delay"].value == pytest.approx(0.006, abs=3e-4)
 

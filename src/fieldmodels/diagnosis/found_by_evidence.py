@@ -95,7 +95,8 @@ def found_by_evidence(
             curves = tuple(one for one in curves if one.curve.place != "sensor")
     if not (causes or possible or curves or mistaken or unrelated):
         unrelated = is_unrelated(problem, testing, fits, options.level, CERTAIN)
-    selection = Selection(base, kept, (), base, _singles(search), tuple(candidates.unidentifiable))
+    rivals = tuple(one.candidate for one in said.rivals) if kept.effects == said.lead.names else ()
+    selection = Selection(base, kept, rivals, base, _singles(search), tuple(candidates.unidentifiable))
     beside_base = Curves(problem, base.fit, options)
     tried = Curves(problem, kept.fit, options) if kept.effects else beside_base
     judged = Judgement(kept, tried, beside_base, curves)

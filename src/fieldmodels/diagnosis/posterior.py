@@ -59,6 +59,7 @@ class Posterior:
         names: Of each name, the probability that it or one of its alternatives is there.
         instead: Of each curve, in order, where others act that are not told from it, and over what.
         curves: Of each curve, the probability that it or one of these is there.
+        rivals: Sets with another name in the place of one, of those that are not told from the lead.
     """
 
     lead: Hypothesis
@@ -66,6 +67,7 @@ class Posterior:
     names: Mapping[str, float]
     instead: tuple[tuple[Place, ...], ...]
     curves: tuple[float, ...]
+    rivals: tuple[Hypothesis, ...]
 
 
 def posterior_of(search: Search, testing: Problem, rng: np.random.Generator) -> Posterior:
@@ -97,6 +99,13 @@ def posterior_of(search: Search, testing: Problem, rng: np.random.Generator) -> 
         curves=tuple(
             probability([bool({_place(own), *others} & {*map(_place, one.curves)}) for one in order])
             for own, others in zip(lead.curves, curves, strict=True)
+        ),
+        rivals=tuple(
+            one
+            for one in near
+            if not (one.curves or lead.curves)
+            and one.size == lead.size
+            and len({*one.names} - {*lead.names}) == 1
         ),
     )
 
