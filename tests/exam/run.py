@@ -90,7 +90,8 @@ def run_cases(
                 fresh = {name: row[name] for name in ("key", *MADE)}
                 write_row(to, fresh | {"code": data_code()})
             done[case.key] = row | {"code": answer_code(by)}
-            write_row(lines, done[case.key])
+            if not one.error:  # of the disk, or of a process that was killed: it is done again
+                write_row(lines, done[case.key])
     return [done[case.key] for case in cases]
 
 
@@ -113,6 +114,9 @@ def run_case(
         The case with what was hidden and the outcome, beside those of ``scoring``: ``out of reach`` if no
         size adds the percentage or the record to fit does not show it, ``failed`` if the case ended in an
         error or took too long.
+
+    Raises:
+        OSError: If its record cannot be read or written.
     """
     row: Row = case.to_json() | {"key": case.key}
     try:
@@ -122,6 +126,8 @@ def run_case(
         row |= {name: made[name] for name in MADE} if made is not None else make(bench, case)
         with nullcontext(kept) if kept else TemporaryDirectory() as folder:
             return row | _examined(bench, case, row, Path(folder), by)
+    except OSError:
+        raise
     except Exception as error:  # of a plant: the others go on
         return row | failed(case.key, f"{type(error).__name__}: {error}")
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from exam.benches import FIT, TEST, THIRD, Bench, Conditions, Hidden, Log
 from fieldmodels.arrays import FloatArray
-from fieldmodels.files import replacing
+from fieldmodels.files import write_bytes
 from fieldmodels.recording import Recording
 
 LEAST, MOST = 10.0, 40.0
@@ -65,8 +66,9 @@ def with_third(
         columns: dict[str, Any] = {f"inputs_{k}": log.inputs for k, log in enumerate(logs)}
         columns |= {f"outputs_{k}": log.outputs for k, log in enumerate(logs)}
         kept.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(kept) as path, path.open("wb") as file:
-            np.savez_compressed(file, step=logs[0].step, **columns)
+        archive = BytesIO()  # one that cannot be written to its end raises other errors than the disk's
+        np.savez_compressed(archive, step=logs[0].step, **columns)
+        write_bytes(kept, archive.getbuffer())
     return [bench.recording(log, conditions, seed) for log in logs]
 
 
