@@ -12,7 +12,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 PACKAGES = ("fieldmodels", "fieldgym", "fieldagents")
-DATA = (".json", ".yaml", ".csv", ".j2", ".onnx")
+DATA = (".json", ".yaml", ".csv", ".onnx")
 
 
 @cache
@@ -35,7 +35,7 @@ def whole_code(*also: str) -> str:
         if (spec := find_spec(name))
         for place in spec.submodule_search_locations or ()
     ]
-    return _hashed(path for folder in folders for path in folder.rglob("*") if path.suffix in (".py", ".j2"))
+    return _hashed(path for folder in folders for path in folder.rglob("*") if path.suffix == ".py")
 
 
 def files_reached(roots: Iterable[str], without: Iterable[str] = ()) -> set[Path]:

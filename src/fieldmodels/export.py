@@ -22,8 +22,10 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray
 from fieldmodels.drivers.declaration import Declaration
-from fieldmodels.drivers.generate import driver_module
-from fieldmodels.drivers.windows import FAST, TEMPLATE, Rows
+from fieldmodels.drivers.kernel.compose import kernels_of
+from fieldmodels.drivers.kernel.episodes import Sets
+from fieldmodels.drivers.kernel.windows import Fineness, Log, Room, Spans, room_of
+from fieldmodels.drivers.windows import FAST, Rows
 from fieldmodels.files import write_text
 from fieldmodels.model import Model, ModelError
 
@@ -55,7 +57,7 @@ def write_model(model: Model, vector: FloatArray, path: Path) -> None:
 
 def source_of_model(machine: Declaration, vector: FloatArray) -> str:
     """The text of the file that ``write_model`` writes."""
-    module = driver_module(machine, TEMPLATE, 1)
+    kernels = kernels_of(machine, 1)
     rows = Rows(machine)
     facts = {
         "NAME": machine.name,
@@ -68,14 +70,17 @@ def source_of_model(machine: Declaration, vector: FloatArray) -> str:
         "FASTEST": [FAST * speed for speed in machine.speeds()],
         "SUBSTEPS": machine.substeps,
         "FORCES": len(machine.forces),
+        # Of no samples: where that makes a length 0, it is the number of samples.
+        "ROOM": [(a.shape, a.dtype.name) for a in room_of(kernels.facts, 0, 0)],
         "BASE": rows.base.tolist(),
         "CURVES": rows.curves.tolist(),
         "NEUTRAL": rows.neutral.tolist(),
         "SOURCES": {place: (own.shape, own.ravel().tolist()) for place, own in rows.sources.items()},
     }
     gathered = _Gathered(facts)
-    gathered.add("simulate_windows", module.simulate)
-    gathered.add("room", module.room)
+    gathered.add("simulate_windows", kernels.simulate)
+    for value in (Sets, Log, Spans, Fineness, Room):
+        gathered.add(value.__name__, value)
     numbers = "\n".join(
         f"{name} = {pprint.pformat(v, width=100, sort_dicts=False)}" for name, v in facts.items()
     )
@@ -96,6 +101,11 @@ def source_of_model(machine: Declaration, vector: FloatArray) -> str:
 def _acts(machine: Declaration, effect: str, vector: FloatArray) -> bool:
     part = machine.slice_of(effect)
     return bool(np.any(vector[part] != machine.nominal[part]))
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value's text is the value."""
+    return isinstance(value, PLAIN) or (isinstance(value, tuple) and all(_is_plain(v) for v in value))
 
 
 class _Gathered:
@@ -144,9 +154,7 @@ class _Gathered:
             self.constants.append(f"{own} = namedtuple({value.__name__!r}, {list(value._fields)!r})")
         elif isinstance(value, np.ndarray):
             self.constants.append(f"{own} = np.array({value.tolist()!r}, dtype={str(value.dtype)!r})")
-        elif isinstance(value, PLAIN) or (
-            isinstance(value, tuple) and all(isinstance(v, PLAIN) for v in value)
-        ):
+        elif _is_plain(value):
             self.constants.append(f"{own} = {value!r}".replace("inf", "np.inf").replace("nan", "np.nan"))
         elif getattr(value, "__module__", None) in ("math", "numpy"):
             self.constants.append(f"from {value.__module__} import {value.__name__} as {own}")
@@ -170,6 +178,7 @@ class _Gathered:
                 part.annotation = None
         read = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)} - inside
         taken = {self.add(name, scope[name]) for name in read & scope.keys()}
+        taken |= {self.add(*found) for part in ast.walk(node) if (found := _of_module(part, scope, inside))}
         return ast.unparse(_Renamed(self, scope, inside, inside & taken).visit(node))
 
 
@@ -179,6 +188,16 @@ def _source(function: types.FunctionType) -> str:
         return textwrap.dedent(inspect.getsource(function))
     except OSError as error:
         raise ModelError(f"{function.__qualname__}: its source cannot be read ({error})") from None
+
+
+def _of_module(node: ast.AST, scope: Mapping[str, Any], inside: set[str]) -> tuple[str, Any] | None:
+    """Name and value of what a part of a function reads of a module that is no library."""
+    if not (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)) or node.value.id in inside:
+        return None
+    module = scope.get(node.value.id)
+    if not isinstance(module, types.ModuleType) or module in LIBRARIES.values():
+        return None
+    return node.attr, getattr(module, node.attr)
 
 
 class _Renamed(ast.NodeTransformer):
@@ -205,14 +224,14 @@ class _Renamed(ast.NodeTransformer):
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         """What is read of a module that is no library."""
+        if found := _of_module(node, self.scope, self.inside):
+            return ast.Name(self.gathered.add(*found), node.ctx)
         base = node.value
-        if isinstance(base, ast.Name) and base.id not in self.inside:
-            module = self.scope.get(base.id)
-            if isinstance(module, types.ModuleType):
-                library = next((name for name, one in LIBRARIES.items() if one is module), None)
-                if library is None:
-                    name = self.gathered.add(node.attr, getattr(module, node.attr))
-                    return ast.Name(name, node.ctx)
-                base.id = library
+        library = (
+            self.scope.get(base.id) if isinstance(base, ast.Name) and base.id not in self.inside else None
+        )
+        for name, one in LIBRARIES.items():
+            if library is one and isinstance(base, ast.Name):
+                base.id = name
                 return node
         return self.generic_visit(node)

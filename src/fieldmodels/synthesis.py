@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 from fieldmodels.arrays import FloatArray
-from fieldmodels.drivers.declaration import params_of
+from fieldmodels.drivers.declaration import slopes_at
 from fieldmodels.drivers.named import apply_reality
 from fieldmodels.machines.one_axis.model import OneAxis
 from fieldmodels.model import Model, ModelError, Signal
@@ -89,11 +89,8 @@ def swing(model: OneAxis, duration: float, step: float, peak: float, rng: np.ran
     waves = np.sin(2 * np.pi * np.outer(time + 0.5 * step, frequencies) + phases) / np.sqrt(frequencies)
     path = peak * _peak_one(waves.sum(axis=1) * envelope * np.sin(0.5 * np.pi * np.minimum(time, 1.0)) ** 4)
     velocity = np.gradient(path, step)
-    module, inertia = model.driver.module, model.inertia_of(model.forces[0])
-    p = module.Params(*params_of(model, model.nominal))
-    free = [
-        module.rates_plain(0.0, x, v, 0.0, 0.0, p, 0.0, 0.0)[1] for x, v in zip(path, velocity, strict=True)
-    ]
+    inertia = model.inertia_of(model.forces[0])
+    free = [slopes_at(model, [x, v], 0.0)[1] for x, v in zip(path, velocity, strict=True)]
     return np.asarray(inertia * (np.gradient(velocity, step) - np.array(free)))
 
 

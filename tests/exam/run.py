@@ -366,7 +366,7 @@ def data_code() -> str:
 def answer_code(by: Ask = ask) -> str:
     """Hash of the code on which outcomes depend: the models, the benches, and who answers."""
     own = inspect.getfile(by.func if isinstance(by, partial) else by)
-    models = (file for file in Path(fieldmodels.__file__).parent.rglob("*") if file.suffix in (".py", ".j2"))
+    models = (file for file in Path(fieldmodels.__file__).parent.rglob("*") if file.suffix == ".py")
     return hash_of([*{Path(own), *models, *files_reached((__name__, get_bench.__module__))}])
 
 

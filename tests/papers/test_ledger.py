@@ -205,12 +205,12 @@ def test_a_finished_run_is_done_again_only_if_code_or_options_change(small, tmp_
     assert small.done == [("good", 4), ("good", 5), ("good", 4)]
 
 
-def test_the_code_that_counts_reaches_kernels_templates_and_tuned_values(monkeypatch):
+def test_the_code_that_counts_reaches_kernels_and_tuned_values(monkeypatch):
     asked = []
     monkeypatch.setattr(tasks, "reached_code", lambda *given: asked.extend(given))
     assert all_sources()["heel_strike"].code is None
     files = {path.name for path in files_reached(*asked)}
-    assert {"kernel.py", "equations.py.j2", "tuned.json", "figures.py", "search.py"} <= files
+    assert {"kernel.py", "equations.py", "tuned.json", "figures.py", "search.py"} <= files
     assert not {"claims.yaml", "cli.py", "pages.py"} & files
 
 

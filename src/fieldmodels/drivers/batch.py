@@ -9,13 +9,11 @@ import numpy as np
 
 from fieldmodels.arrays import FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration
-from fieldmodels.drivers.generate import driver_module
+from fieldmodels.drivers.kernel.compose import kernels_of
+from fieldmodels.drivers.kernel.episodes import Memory, desk_of
 from fieldmodels.drivers.windows import FAST, Rows
 from fieldmodels.effects import actuators, sensors
 
-TEMPLATE = "batch.py.j2"
-KEPT = ("ticks", "states", "aims", "engaged", "given", "bristles", "filtered", "before", "sensed", "kept")
-"""Arrays that the next steps depend on."""
 DELAYS = {
     "actuator": actuators.ROW.column("delay_delay"),
     "sensor": sensors.ROW.column("delay_delay"),
@@ -27,10 +25,6 @@ class BatchDriver:
 
     A command is held over its interval. Before an episode's first command there was the first for ever, as in
     the windows of a recording; what a late sensor shows at first is the state at the beginning.
-
-    Attributes:
-        states: True states, shape (batch, states).
-        ticks: Intervals since each episode began, shape (batch,).
     """
 
     def __init__(
@@ -46,19 +40,39 @@ class BatchDriver:
         """
         self.machine, self.step = machine, float(step)
         self.play_scale = 0.02 * command_size
-        self._module = driver_module(machine, TEMPLATE)
+        kernels = kernels_of(machine)
+        self._kernels, self._desk = kernels.episodes, desk_of(kernels.facts)
         self._rows = Rows(machine)
-        batch = len(parameters)
         self._parameters = np.array(parameters, dtype=np.float64)
-        self.states = np.zeros((batch, len(machine.states)))
-        self.ticks = np.zeros(batch, dtype=np.int64)
-        inputs, outputs = max(len(machine.inputs), 1), len(machine.outputs)
-        self.engaged, self.given = np.zeros((batch, inputs)), np.zeros((batch, inputs))
-        self.bristles = np.zeros((batch, len(machine.forces)))
-        self.filtered, self.before = np.zeros((batch, outputs)), np.zeros((batch, outputs))
-        self.sensed = np.zeros((batch, outputs))
-        self.aims, self.kept = np.zeros((batch, inputs, 2)), np.zeros((batch, outputs, 2))
+        batch, inputs, outputs = len(parameters), max(len(machine.inputs), 1), len(machine.outputs)
+        self._memory = Memory(
+            ticks=np.zeros(batch, dtype=np.int64),
+            states=np.zeros((batch, len(machine.states))),
+            aims=np.zeros((batch, inputs, 2)),
+            engaged=np.zeros((batch, inputs)),
+            given=np.zeros((batch, inputs)),
+            bristles=np.zeros((batch, len(machine.forces))),
+            filtered=np.zeros((batch, outputs)),
+            before=np.zeros((batch, outputs)),
+            sensed=np.zeros((batch, outputs)),
+            kept=np.zeros((batch, outputs, 2)),
+        )
         self._refill()
+
+    @property
+    def states(self) -> FloatArray:
+        """True states, shape (batch, states)."""
+        return self._memory.states
+
+    @property
+    def before(self) -> FloatArray:
+        """What the sensors sensed last, before lags and delays, shape (batch, outputs)."""
+        return self._memory.before
+
+    @property
+    def ticks(self) -> IntArray:
+        """Intervals since each episode began, shape (batch,)."""
+        return self._memory.ticks
 
     @property
     def batch(self) -> int:
@@ -79,9 +93,7 @@ class BatchDriver:
         """
         chosen = np.asarray(rows, dtype=np.int64)
         self.states[chosen] = states
-        self._module.begin_all(
-            self._base, self._curves, self.states, chosen, self.ticks, self.bristles, self.before, self.sensed
-        )
+        self._kernels.begin(self._sets, self._memory, chosen)
 
     def advance(self, commands: FloatArray) -> None:
         """Run all machines for an interval.
@@ -89,47 +101,43 @@ class BatchDriver:
         Args:
             commands: Shape (batch, inputs).
         """
-        self._module.advance_all(
-            self._base, self._act, self._frc, self._sen, self._changes, self._curves,
-            np.ascontiguousarray(commands, dtype=np.float64), self.step, False, self._substeps, self.ticks,
-            self.states, self.aims, self.engaged, self.given, self.bristles, self.filtered, self.before,
-            self.sensed, self.kept,
-        )  # fmt: skip
+        given = commands if self.machine.inputs else np.zeros_like(self._memory.given)
+        held = np.ascontiguousarray(given, dtype=np.float64)
+        self._kernels.advance(self._sets, self._memory, held, self.step, self._substeps, self._desk)
 
     def measured(self) -> FloatArray:
         """What the sensors measure now, without noise, shape (batch, outputs)."""
         out = np.empty((self.batch, len(self.machine.outputs)))
-        self._module.measure_all(
-            self._sen, self.step, self.play_scale, self.ticks, self.sensed, self.given, out
+        kept = self._memory
+        self._kernels.measure(
+            self._sets.sen, kept.ticks, kept.given, kept.sensed, self.step, self.play_scale, out
         )
         return out
 
     def state(self) -> dict[str, Any]:
         """Everything that the next steps depend on, as copies."""
-        return {name: getattr(self, name).copy() for name in KEPT} | {"parameters": self._parameters.copy()}
+        kept = {name: values.copy() for name, values in self._memory._asdict().items()}
+        return kept | {"parameters": self._parameters.copy()}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Return to what ``state`` gave."""
         self._parameters = np.array(state["parameters"], dtype=np.float64)
         self._refill()
-        for name in KEPT:
-            setattr(self, name, np.array(state[name]))
+        self._memory = Memory(**{name: np.array(state[name]) for name in Memory._fields})
 
     def _refill(self) -> None:
         """Rows of the parameters as the compiled driver takes them, and rings for their longest delays."""
-        machine, q = self.machine, self._parameters
-        self._base = np.ascontiguousarray(q[:, self._rows.base])
-        self._act, self._frc, self._sen, self._changes = self._rows.of(
-            q, "actuator", "force", "sensor", "change"
+        machine = self.machine
+        self._sets = self._rows.sets(self._parameters)
+        self._memory = self._memory._replace(
+            aims=self._grown(self._memory.aims, self._sets.act, "actuator"),
+            kept=self._grown(self._memory.kept, self._sets.sen, "sensor"),
         )
-        self._curves = np.ascontiguousarray(q[:, self._rows.curves])
-        self.aims = self._grown(self.aims, self._act, "actuator")
-        self.kept = self._grown(self.kept, self._sen, "sensor")
         self._substeps: IntArray = np.empty(self.batch, dtype=np.int64)
-        self._module.steps_for(
-            self._base, self._frc, self._curves, self.states, self.step,
-            np.array([FAST * speed for speed in machine.speeds()]), np.ones(len(machine.states)),
-            machine.substeps, self._substeps,
+        speeds = np.array([FAST * speed for speed in machine.speeds()])
+        self._kernels.steps(
+            self._sets, self.states, self.step, speeds, np.ones(len(machine.states)), machine.substeps,
+            self._desk, self._substeps,
         )  # fmt: skip
 
     def _grown(self, ring: FloatArray, rows: FloatArray, place: str) -> FloatArray:

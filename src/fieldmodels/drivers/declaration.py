@@ -376,8 +376,8 @@ class Declaration(Model):
         return np.column_stack([np.interp(at, np.arange(n), column) for column in commands.T])
 
 
-def slopes_at(machine: Declaration, point: Sequence[float]) -> list[float]:
-    """Rates of all states at one point and half of every command; none of a machine of steps."""
+def slopes_at(machine: Declaration, point: Sequence[float], command: float = 0.5) -> list[float]:
+    """Rates of all states at one point, for one value of every command; none of a machine of steps."""
     own: Any = type(machine).derivative
     if own is None:
         return []
@@ -385,10 +385,10 @@ def slopes_at(machine: Declaration, point: Sequence[float]) -> list[float]:
     effects = [e for e in machine.own_effects if not isinstance(e, Stock)]
     numbers = [p.nominal for p in (*machine.parameters, *(p for e in effects for p in e.parameters))]
     p = named("Params", param_names(machine), numbers)
-    command = named("Input", given, [0.5] * len(given))
+    given_now = named("Input", given, [command] * len(given))
     state = named("State", [s.name for s in machine.states], list(point))
     try:
-        return [float(rate) for rate in np.atleast_1d(own(None, state, command, p))]
+        return [float(rate) for rate in np.atleast_1d(own(None, state, given_now, p))]
     except Exception:  # a root of less than nothing, or what only a compiler understands
         return []
 

@@ -12,7 +12,10 @@ import numpy as np
 
 from fieldmodels.arrays import BoolArray, FloatArray, IntArray
 from fieldmodels.drivers.declaration import Declaration, param_indices
-from fieldmodels.drivers.generate import curve_places, driver_module
+from fieldmodels.drivers.kernel.compose import kernels_of
+from fieldmodels.drivers.kernel.episodes import Sets
+from fieldmodels.drivers.kernel.facts import Facts, curve_places
+from fieldmodels.drivers.kernel.windows import Fineness, Log, Room, Spans, room_of
 from fieldmodels.drivers.rates import slopes
 from fieldmodels.effects import actuators, changes, forces, sensors
 from fieldmodels.effects.curves import Curve
@@ -20,7 +23,6 @@ from fieldmodels.recording import Recording, Windows
 
 LAG = sensors.ROW.column("lag_time_constant")
 BRISTLE = forces.ROW.column("hysteresis_force")
-TEMPLATE = "windows.py.j2"
 FAST = 2.0  # times the usual speed: faster than nearly all of a recording
 Made = TypeVar("Made")
 PLAY = 0.02  # of the largest command, over which play is crossed
@@ -29,7 +31,8 @@ PLAY = 0.02  # of the largest command, over which play is crossed
 class Rows:
     """A machine's parameter vectors as the rows that drivers take, one for each place of stock effects.
 
-    A row is gathered from the parameter vector with the neutral numbers of all places behind it.
+    A row is gathered from the parameter vector with the neutral numbers of all places behind it. A machine
+    without inputs has the row of one that does nothing.
     """
 
     def __init__(self, machine: Declaration) -> None:
@@ -46,7 +49,8 @@ class Rows:
         self.sources: dict[str, IntArray] = {}
         first = len(machine.names)
         for place, (signals, layout) in places.items():
-            self.sources[place] = np.tile(np.arange(first, first + len(layout)), (len(signals), 1))
+            count = max(len(signals), 1) if place == "actuator" else len(signals)
+            self.sources[place] = np.tile(np.arange(first, first + len(layout)), (count, 1))
             first += len(layout)
         parameters = [p.name for p in machine.parameters]
         for e in machine.stock:
@@ -67,6 +71,12 @@ class Rows:
         numbers[:, :count], numbers[:, count:] = parameters, self.neutral
         return [numbers.take(self.sources[place], axis=1) for place in places]
 
+    def sets(self, parameters: FloatArray) -> Sets:
+        """All that kernels take of parameter vectors, shape (batch, n)."""
+        act, frc, sen, changing = self.of(parameters, "actuator", "force", "sensor", "change")
+        curves = parameters.take(self.curves, axis=1)
+        return Sets(parameters.take(self.base, axis=1), act, frc, sen, changing, curves)
+
 
 class WindowDriver:
     """Simulates windows of a recording for a batch of parameter vectors of one machine."""
@@ -75,7 +85,7 @@ class WindowDriver:
         """Compile the driver, or load it."""
         self.machine = machine
         self.rows = Rows(machine)
-        self.module = driver_module(machine, TEMPLATE)
+        self.kernels = kernels_of(machine)
         self._driving, self._path = Once(self._prepare), Once(self._smooth)
         self._slopes = Once(self._changing)
         self.paced = getattr(type(machine), "pace", None) is not None
@@ -86,49 +96,36 @@ class WindowDriver:
         """Outputs, shape (batch, windows, samples, outputs); see ``Model.simulate``."""
         states = np.ascontiguousarray(windows.states, dtype=np.float64)
         parameters = np.ascontiguousarray(parameters, dtype=np.float64)
-        machine, recording, rows = self.machine, windows.recording, self.rows
+        machine, recording = self.machine, windows.recording
         out = np.empty((len(parameters), len(windows), windows.samples, len(machine.outputs)))
         if not len(windows):
             return out
         if windows.lengths.min() < windows.samples:
             out[:] = np.nan
-        driving, bounds = self._driving(recording), windows.pieces
-        inside = bounds[np.searchsorted(bounds[:, 0], windows.starts, side="right") - 1]
+        driving, pieces = self._driving(recording), windows.pieces
+        inside = pieces[np.searchsorted(pieces[:, 0], windows.starts, side="right") - 1]
         # A column of one row is contiguous and one of several is not: two kernels for the compiler.
         firsts, lasts = np.ascontiguousarray(inside[:, 0]), inside[:, 1] - 1
-        act, force_rows, sen, change = rows.of(parameters, "actuator", "force", "sensor", "change")
+        sets = self.rows.sets(parameters)
         path = np.zeros((len(machine.forces), 0))
-        if force_rows[:, :, BRISTLE].any():
+        if sets.frc[:, :, BRISTLE].any():
             path = self._path(recording)
-        room = driving.room(self.module, path.shape[1])
-        self.module.simulate(
-            parameters.take(rows.base, axis=1),
-            act,
-            force_rows,
-            sen,
-            change,
-            parameters.take(rows.curves, axis=1),
-            driving.command,
-            np.ascontiguousarray(windows.pushed(max(len(machine.forces), 1))),
-            recording.bounds,  # a bristle remembers for as long as it is not turned round
-            bounds,
-            firsts,
-            lasts,
-            recording.step,
-            machine.hold == "interpolated",
-            driving.play,
-            driving.measured,
-            self._slopes(recording) if sen[:, :, LAG].any() else np.zeros((2, 0, len(machine.outputs))),
-            windows.starts,
-            windows.lengths,
-            states,
-            path,
-            self.speeds,
-            self.alike if self.paced else _spread(windows.states),
-            machine.substeps,
-            out,
-            *room,
+        log = Log(
+            command=driving.command,
+            disturbance=np.ascontiguousarray(windows.pushed(len(machine.forces))),
+            episodes=recording.bounds,  # a bristle remembers for as long as it is not turned round
+            pieces=pieces,
+            measured=driving.measured,
+            slopes=self._slopes(recording) if sets.sen[:, :, LAG].any() else np.zeros((2, 0, out.shape[-1])),
+            path=path,
+            step=recording.step,
+            interpolated=machine.hold == "interpolated",
+            play=driving.play,
         )
+        spans = Spans(windows.starts, windows.lengths, firsts, lasts, states)
+        sizes = self.alike if self.paced else _spread(windows.states)
+        room = driving.room(self.kernels.facts, path.shape[1])
+        self.kernels.simulate(sets, log, spans, Fineness(self.speeds, sizes, machine.substeps), room, out)
         driving.give_back(room)
         return out
 
@@ -175,20 +172,19 @@ class _Driving:
     command: FloatArray
     play: float
     measured: BoolArray
-    rooms: dict[int, list[Any]] = field(default_factory=dict)
+    rooms: dict[int, list[Room]] = field(default_factory=dict)
 
-    def room(self, module: Any, path: int) -> Any:
-        """Memory for one call of a module, used before or new; no number in it outlives a call."""
+    def room(self, facts: Facts, path: int) -> Room:
+        """Memory for one call, used before or new; no number in it outlives a call."""
         kept = self.rooms.setdefault(path, [])
         try:
             return kept.pop()  # in one step, whatever other threads do
         except IndexError:
-            return module.room(len(self.command), path)
+            return room_of(facts, len(self.command), path)
 
-    def give_back(self, room: Any) -> None:
+    def give_back(self, room: Room) -> None:
         """Keep a call's memory for the next one."""
-        bent = room[2]
-        self.rooms[bent.shape[1]].append(room)
+        self.rooms[room.bent.shape[1]].append(room)
 
 
 def _spread(states: FloatArray) -> FloatArray:
