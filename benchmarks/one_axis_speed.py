@@ -1,4 +1,4 @@
-"""Speed of the generated driver on one-axis benches, as ratios within this run.
+"""Speed of the driver on one-axis benches, as ratios within this run.
 
     python benchmarks/one_axis_speed.py
 

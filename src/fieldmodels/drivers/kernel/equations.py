@@ -1,9 +1,9 @@
 """A machine's equations with the stock effects, and one step of them.
 
 States ``s``, inputs ``u``, forces ``x`` that something else exerts and all that follows are tuples of
-numbers; ``q`` is one set of the machine's `Numbers`. ``sign`` is the direction in which dry friction acts, one
-for each force: 1 or -1 by its velocity, 2 where friction holds it, 0 without dry friction. ``b`` are the forces
-of bent bristles.
+numbers; ``q`` is one set of the machine's `Numbers`. ``sign`` is the direction in which dry friction acts,
+one for each force: 1 or -1 by its velocity, 2 where friction holds it, 0 without dry friction. ``b`` are the
+forces of bent bristles.
 """
 
 from __future__ import annotations

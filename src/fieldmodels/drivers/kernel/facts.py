@@ -128,7 +128,7 @@ class Facts:
     def named(self, role: str) -> Any:
         """The named tuple of states, inputs or parameters that the machine's functions are handed."""
         names = {"state": self.states, "input": self.inputs, "p": self.parameters}[role]
-        return namedtuple(TITLES[role], names)  # type: ignore[misc]
+        return namedtuple(TITLES[role], names)
 
     def at(self, *places: str) -> list[CurveAt]:
         """The curves at some places."""
