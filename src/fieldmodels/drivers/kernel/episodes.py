@@ -15,7 +15,6 @@ from fieldmodels.drivers.kernel.facts import Facts
 from fieldmodels.drivers.kernel.intervals import Intervals
 from fieldmodels.drivers.kernel.tuples import put, take
 from fieldmodels.effects import actuators, forces, sensors
-from fieldmodels.effects import changes as change_effects
 
 Made = Callable[..., Any]
 
@@ -118,16 +117,10 @@ def desk_of(m: Facts) -> Desk:
 def episodes_of(m: Facts, equations: Equations, events: Events, intervals: Intervals) -> Episodes:
     """Compose the kernels of a machine's episodes."""
     inlined = m.inlined
-    ns, ni, no, nf, np_ = (
-        len(m.states),
-        max(len(m.inputs), 1),
-        len(m.outputs),
-        len(m.velocity),
-        len(m.parameters),
-    )
+    ns, ni, no, nf = len(m.states), max(len(m.inputs), 1), len(m.outputs), len(m.velocity)
     parameters, observed, past_ramps = equations.parameters, equations.observed, events.past_ramps
     parameters_at, pace = equations.parameters_at, equations.pace
-    fitting, friction, changed, steps_in, sort = intervals
+    fitting, friction, changes_on, changed, steps_in, sort = intervals
     read_s, read_i, read_f = take(ns, 1, inlined), take(ni, 1, inlined), take(nf, 1, inlined)
     write_s, write_i, write_f = put(ns, 1, inlined), put(ni, 1, inlined), put(nf, 1, inlined)
     write_o, idle, nothing = put(no, 1, inlined), (0.0,) * ni, (0.0,) * nf
@@ -183,10 +176,7 @@ def episodes_of(m: Facts, equations: Equations, events: Events, intervals: Inter
             edges[-2], edges[-1] = 0.0, 1.0
             sort(edges)
             s, u, b = read_s(memory.states[e], 0), read_i(given, 0), read_f(memory.bristles[e], 0)
-            changing = curved
-            for k in range(np_):
-                row = change_effects.unpack(changes[k])
-                changing = changing or row.step_change != 0.0 or row.drift_rate != 0.0
+            changing = curved or changes_on(changes)
             p = parameters(base)
             if changing:
                 p = parameters_at(base, changes, clock, step, sets.curves[e], s, u)

@@ -81,7 +81,8 @@ def equations_of(m: Facts) -> Equations:
     go, change, change_f = along(ns, inlined), changed(ns, inlined), changed(nf, inlined)
     still, nothing = (0.0,) * ns, (0.0,) * nf
     own, advanced = _own(m)
-    inertias, spread, load, place = _inertias(m), _spread(m), _load(m), _place(m)
+    inertias = joined([_factor(what, m) for what in m.inertia], inlined)
+    spread, load, place = _spread(m), _numbered(m.load, inlined), _numbered(m.position, inlined)
     rows = joined([_row(k, inlined) for k in range(nf)], inlined)
     curves = m.at("force")
     bent = added([c for c in curves if c.index == NONE], ns, "state", inlined)
@@ -314,10 +315,6 @@ def _factor(what: int | str, m: Facts) -> Made:
     return by_numbers
 
 
-def _inertias(m: Facts) -> Made:
-    return joined([_factor(what, m) for what in m.inertia], m.inlined)
-
-
 def _spread(m: Facts) -> Made:
     """``(d, k, f, s, p)``: rates with what a force ``f`` on the k-th velocity does to the others."""
     if not m.couplings:
@@ -342,24 +339,14 @@ def _spread(m: Facts) -> Made:
     return spread
 
 
-def _load(m: Facts) -> Made:
-    number = m.load
+def _numbered(numbers: tuple[int, ...], inlined: Made) -> Made:
+    """``(t, k)`` to the number of a tuple that the k-th force reads, 0 where it reads none."""
 
-    @m.inlined
-    def load(u, k):
-        return u[number[k]] if number[k] >= 0 else 0.0
+    @inlined
+    def read(t, k):
+        return t[numbers[k]] if numbers[k] >= 0 else 0.0
 
-    return load
-
-
-def _place(m: Facts) -> Made:
-    number = m.position
-
-    @m.inlined
-    def place(s, k):
-        return s[number[k]] if number[k] >= 0 else 0.0
-
-    return place
+    return read
 
 
 def _factor_of(factor: Factor, inlined: Made) -> Made:

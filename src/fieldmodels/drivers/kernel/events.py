@@ -26,12 +26,14 @@ class Events(NamedTuple):
             follow ``aim + slope tau``.
         start: ``(push, most)``: the direction in which something starts that stands still.
         lags: ``(act)``: time constants of the actuators.
+        bent: ``(b, way, sign, forces)``: bristles after a motion, by rows of forces as named tuples.
     """
 
     advance: Made
     past_ramps: Made
     start: Made
     lags: Made
+    bent: Made
 
 
 def events_of(m: Facts, equations: Equations) -> Events:
@@ -89,10 +91,9 @@ def events_of(m: Facts, equations: Equations) -> Events:
         return abs(sign) == 1.0 and v != 0.0
 
     @inlined
-    def bent(b, way, sign, q):
-        """Bristles after a motion."""
+    def bent(b, way, sign, of_forces):
         for k in range(nf):
-            row = forces.unpack(q.forces[k])
+            row = of_forces[k]
             if row.hysteresis_force != 0.0 and sign[k] != 2.0:
                 b = change_f(b, k, forces.bend(b[k], way[velocity[k]], row))
         return b
@@ -161,9 +162,9 @@ def events_of(m: Facts, equations: Equations) -> Events:
                 if slides(sign[i], s[v]) and n[v] * sign[i] < 0.0:
                     share = min(share, s[v] / (s[v] - n[v]))
             if share > 1.0:
-                return n, bent(b, way, sign, q)
+                return n, bent(b, way, sign, rows(q.forces))
             cut, n, way = to_reversal(share, t, h, s, n, o, e, z, lag, x, q, sign, b)
-            b = bent(b, way, sign, q)
+            b = bent(b, way, sign, rows(q.forces))
             s = stopped(s, n, sign)
             o = go_i(o, cut, e)
             for i in range(ni):
@@ -212,4 +213,4 @@ def events_of(m: Facts, equations: Equations) -> Events:
                 break
         return s, u, b
 
-    return Events(advance, past_ramps, start, lags)
+    return Events(advance, past_ramps, start, lags, bent)

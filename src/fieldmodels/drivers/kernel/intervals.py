@@ -10,7 +10,7 @@ from fieldmodels.drivers.kernel.equations import Equations, Numbers
 from fieldmodels.drivers.kernel.events import Events
 from fieldmodels.drivers.kernel.facts import Facts
 from fieldmodels.drivers.kernel.tuples import along
-from fieldmodels.effects import forces
+from fieldmodels.effects import changes, forces
 
 Made = Callable[..., Any]
 
@@ -21,6 +21,7 @@ class Intervals(NamedTuple):
     Attributes:
         fitting: ``(mode, step, least, most)``: steps within an interval.
         friction: ``(s, p, frc, speeds)``: how fast friction changes a motion [1/s].
+        changing: ``(rows)``: whether a parameter changes in time by itself.
         changed: ``(base, changes, t, h, s, u, aim, slope, x, q, act, b)``: parameters by name over a step in
             which they change.
         steps_in: ``(length, substeps)``: steps in a piece of an interval.
@@ -29,6 +30,7 @@ class Intervals(NamedTuple):
 
     fitting: Made
     friction: Made
+    changing: Made
     changed: Made
     steps_in: Made
     sort: Made
@@ -36,7 +38,7 @@ class Intervals(NamedTuple):
 
 def intervals_of(m: Facts, equations: Equations, events: Events) -> Intervals:
     """Compose what says how fine a machine's steps are, and at which parameters."""
-    nf, ns, ni = len(m.velocity), len(m.states), max(len(m.inputs), 1)
+    nf, ns, ni, np_ = len(m.velocity), len(m.states), max(len(m.inputs), 1), len(m.parameters)
     inertias, parameters_at, past_ramps = equations.inertias, equations.parameters_at, events.past_ramps
     factors = [factor for c in m.at("parameter") for variable in c.over for factor in variable]
     by_state = any(kind != "time" for kind, _, _ in factors)
@@ -58,13 +60,21 @@ def intervals_of(m: Facts, equations: Equations, events: Events) -> Intervals:
         return fastest
 
     @m.inlined
-    def changed(base, changes, t, h, s, u, aim, slope, x, q, act, b):
-        p = parameters_at(base, changes, t, h, q.curves, s, u)
+    def changing(rows):
+        found = False
+        for k in range(np_):
+            row = changes.unpack(rows[k])
+            found = found or row.step_change != 0.0 or row.drift_rate != 0.0
+        return found
+
+    @m.inlined
+    def changed(base, rows, t, h, s, u, aim, slope, x, q, act, b):
+        p = parameters_at(base, rows, t, h, q.curves, s, u)
         if by_state:  # a curve of states has its value in the middle of the step
             q = Numbers(p, q.forces, q.curves)
             n, v, _ = past_ramps(t, h, s, u, aim, slope, x, q, act, b)
             middle = go(go(still, 0.5, s), 0.5, n)
-            p = parameters_at(base, changes, t, h, q.curves, middle, go_i(go_i(idle, 0.5, u), 0.5, v))
+            p = parameters_at(base, rows, t, h, q.curves, middle, go_i(go_i(idle, 0.5, u), 0.5, v))
         return p
 
     @m.inlined
@@ -81,4 +91,4 @@ def intervals_of(m: Facts, equations: Equations, events: Events) -> Intervals:
                 k -= 1
             values[k] = value
 
-    return Intervals(fitting, friction, changed, steps_in, sort)
+    return Intervals(fitting, friction, changing, changed, steps_in, sort)

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from fieldmodels.drivers.kernel.equations import Equations, Numbers
 from fieldmodels.drivers.kernel.events import Events
 from fieldmodels.drivers.kernel.facts import Facts
-from fieldmodels.drivers.kernel.tuples import along, changed, put, take
+from fieldmodels.drivers.kernel.tuples import along, put, take
 from fieldmodels.effects import actuators, forces
 
 Made = Callable[..., Any]
@@ -112,7 +112,7 @@ def lanes_of(m: Facts, equations: Equations, events: Events) -> Lanes:
     read_s, read_i, read_f = take(ns, L, inlined), take(ni, L, inlined), take(nf, L, inlined)
     write_s, write_f = put(ns, L, inlined), put(nf, L, inlined)
     go, go_i, go_f = along(ns, inlined), along(ni, inlined), along(nf, inlined)
-    change_f, lags = changed(nf, inlined), events.lags
+    lags, bent = events.lags, events.bent
 
     def fused(step: Made, bends: bool) -> Made:
         @block
@@ -126,17 +126,9 @@ def lanes_of(m: Facts, equations: Equations, events: Events) -> Lanes:
                 n, way = step(w[CLOCK + l], w[H + l], s, f, g, k, x, q, sign, b)
                 write_s(w, NEXT + l, n)
                 if bends:
-                    write_f(w, BRISTLE_NEXT + l, bent(b, way, q))
+                    write_f(w, BRISTLE_NEXT + l, bent(b, way, sign, q.forces))
 
         return step_lanes
-
-    @inlined
-    def bent(b, way, q):
-        """Bristles after a motion."""
-        for k in range(nf):
-            if q.forces[k].hysteresis_force != 0.0:
-                b = change_f(b, k, forces.bend(b[k], way[velocity[k]], q.forces[k]))
-        return b
 
     @inlined
     def smooth(at, share, q, w):

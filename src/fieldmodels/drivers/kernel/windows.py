@@ -16,7 +16,6 @@ from fieldmodels.drivers.kernel.intervals import Intervals
 from fieldmodels.drivers.kernel.lanes import CALM, PLAIN, WHOLE, Lanes, places_of
 from fieldmodels.drivers.kernel.tuples import along, changed, put, take
 from fieldmodels.effects import actuators, forces, sensors
-from fieldmodels.effects import changes as change_effects
 from fieldmodels.effects.stock import NO_LIMIT
 
 CORRECTIONS = 2
@@ -143,6 +142,48 @@ class Late(NamedTuple):
     uneven: bool
 
 
+class Group(NamedTuple):
+    """The windows that are in the lanes.
+
+    Attributes:
+        first: The first of them.
+        size: How many.
+        wanted: Samples that are wanted of the longest.
+        sen: Rows of sensors that show them.
+    """
+
+    first: int
+    size: int
+    wanted: int
+    sen: FloatArray
+
+
+class Course(NamedTuple):
+    """How one set of numbers is simulated.
+
+    Attributes:
+        kind: What acts on the machine, as lanes have it.
+        dry: Whether dry friction does.
+        late: How late its sensors are.
+        limited: Whether an actuator has a limited rate.
+        held: Whether inputs stay as they are within an interval.
+        changing: Whether parameters change in time.
+        alone: Whether each lane goes by itself.
+        moving: Whether there is more than the machine's own equations with held inputs.
+        substeps: Steps in a sampling interval.
+    """
+
+    kind: int
+    dry: bool
+    late: Late
+    limited: bool
+    held: bool
+    changing: bool
+    alone: bool
+    moving: bool
+    substeps: int
+
+
 def room_of(m: Facts, samples: int, path: int) -> Room:
     """Memory for one call of ``simulate``.
 
@@ -169,7 +210,7 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
     """
     inlined, block, L = m.inlined, m.block, m.lanes
     ns, ni, no, nf = len(m.states), max(len(m.inputs), 1), len(m.outputs), len(m.velocity)
-    np_, at = len(m.parameters), places_of(m)
+    at = places_of(m)
     STATE, LEVEL, SLOPE, GAP, GIVEN = at.state, at.level, at.slope, at.gap, at.given
     TARGET, RAMP, EXTRA, CLOCK, BRISTLE, SLOW, SENSED, BEHIND = (
         at.target, at.ramp, at.extra, at.clock, at.bristle, at.slow, at.sensed, at.behind
@@ -177,7 +218,7 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
     parameters, parameters_at, observed = equations.parameters, equations.parameters_at, equations.observed
     pace, rows, rates = equations.pace, equations.rows, equations.rates
     past_ramps = events.past_ramps
-    fitting, friction, changed_over, steps_in, sort = intervals
+    fitting, friction, changes_on, changed_over, steps_in, sort = intervals
     held, together, past_limits = lanes
     read_s, read_i, read_f = (take(n, L, inlined) for n in (ns, ni, nf))
     write_s, write_i, write_f = (put(n, L, inlined) for n in (ns, ni, nf))
@@ -187,10 +228,22 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
     stepped, commanded = m.stepped, m.commanded
     own, rate, rate_state = m.own, m.rate, m.rate_state
     unseen = tuple(o not in own for o in range(no))
-    unbend = _unbent(m.at("sensor"), m)
-    is_curved, is_bent = _any_on(m.at("force", "sensor"), inlined), _any_on(m.at("parameter"), inlined)
+    unbend = _unbent(m)
+    bends_rest, bends_parameters = (
+        tuple((c.start + c.head, c.stop) for c in curves) or ((0, 0),)
+        for curves in (m.at("force", "sensor"), m.at("parameter"))
+    )
     own_pace, most = "fastest" in m.functions, forces.FRICTION_STEPS
     clipping, quantisation = sensors.ROW.column("clipping_limit"), sensors.ROW.column("quantisation_step")
+
+    @inlined
+    def any_on(values, curves):
+        """Whether a value of some curves, which have their places in a row, is not 0."""
+        for first, end in values:
+            for k in range(first, end):
+                if curves[k] != 0.0:
+                    return True
+        return False
 
     @inlined
     def within(sample, low, high):
@@ -346,7 +399,7 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
     @inlined
     def acting(q):
         """What acts on the machine, and whether dry friction does."""
-        full, dry, costly = is_curved(q.curves), False, False
+        full, dry, costly = any_on(bends_rest, q.curves), False, False
         for k in range(nf):
             row = forces.unpack(q.forces[k])
             full = full or not forces.is_off(row)
@@ -434,7 +487,7 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
         return samples
 
     @inlined
-    def aim(j, edge, moving, alone, limited, act, log, room):
+    def aim(j, edge, course, act, log, room):
         """What the actuators of every lane aim at in a piece of the j-th interval."""
         w = room.lanes
         for i in range(ni):
@@ -444,7 +497,7 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
             level, slope, given, gap = LEVEL + i * L, SLOPE + i * L, GIVEN + i * L, GAP + i * L
             for l in range(L):
                 w[level + l] = target[within(room.begins[l] - back, room.lows[l], room.highs[l])]
-            if not (moving or alone):
+            if not (course.moving or course.alone):
                 continue
             if log.interpolated:
                 share = edge - room.part[i] + early
@@ -456,7 +509,7 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
             else:
                 for l in range(L):
                     w[slope + l] = 0.0
-            if limited:
+            if course.limited:
                 for l in range(L):
                     w[TARGET + i * L + l], w[RAMP + i * L + l] = w[level + l], w[slope + l]
             if not room.dynamic[i]:
@@ -464,7 +517,7 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
                     w[given + l] = w[level + l]
                 for l in range(L):
                     w[gap + l] = 0.0
-            if log.interpolated and not alone:
+            if log.interpolated and not course.alone:
                 lag = actuators.unpack(act[i]).lag_time_constant
                 for l in range(L):
                     w[level + l] -= lag * w[slope + l]
@@ -472,149 +525,130 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
                 for l in range(L):
                     w[gap + l] = w[given + l] - w[level + l]
 
+    @inlined
+    def course_of(changes, act, sen, q, log, spans, fineness, room):
+        kind, dry = acting(q)
+        late = lateness(sen, log, room)
+        dynamic, limited = drive(act, q.curves, late.latest, log, room)
+        for k in range(nf):
+            row = forces.unpack(q.forces[k])
+            if row.hysteresis_force != 0.0:
+                forces.bend_along(log.path[k], log.episodes, row, room.bent[k])
+        room.edges[ni + no], room.edges[ni + no + 1] = 0.0, 1.0
+        sort(room.edges)
+        changing = any_on(bends_parameters, q.curves) or changes_on(changes)
+        held_inputs = not (log.interpolated or dynamic)
+        return Course(
+            kind, dry, late, limited, held_inputs, changing, changing or late.filtering,
+            not held_inputs or kind != PLAIN, fine_steps(q, log, spans, fineness, room),
+        )  # fmt: skip
+
+    @inlined
+    def show(j, share, group, q, course, log, spans, room, out):
+        """Write what the sensors show that sense at a share of the j-th interval; 0 for its start."""
+        late, size, w = course.late, group.size, room.lanes
+        time = (j + share) * log.step - late.latest
+        if late.aligned and share == 0.0:
+            write_aligned(j, size, group.first, spans, log, q, group.sen, w, out)
+        for o in range(0 if late.aligned else no):
+            at = j - room.ahead[o]
+            if room.ahead_part[o] == share and 0 <= at < group.wanted:
+                write(at, o, size, group.first, spans, log, time, q, group.sen, w, out)
+
+    @inlined
+    def correct(group, size, sen, log, spans, room, out):
+        """Move guessed starts by what their sensors show wrongly there."""
+        for l in range(L):
+            window = group + min(l, size - 1)
+            for i in range(ns):
+                o = own[i]
+                if o >= 0 and log.measured[o] and sensors.unpack(sen[o]).lag_time_constant == 0.0:
+                    room.states[l, i] += spans.states[window, i] - out[window, 0, o]
+
+    @inlined
+    def cross_piece(j, edge, end, size, base, changes, act, sen, q, course, log, room):
+        """Take all lanes through a piece of the j-th interval."""
+        w = room.lanes
+        count = steps_in(end - edge, course.substeps)
+        h = (end - edge) * log.step / count
+        for l in range(L):
+            w[CLOCK + l] = ((room.begins[l] + j) + edge) * log.step - course.late.latest
+        if len(log.disturbance) > 0:
+            for k in range(nf):
+                for l in range(L):
+                    sample = min(room.begins[l] + j, room.highs[l])
+                    w[EXTRA + k * L + l] = log.disturbance[sample, k]
+        aim(j, edge, course, act, log, room)
+        if course.alone:
+            one_by_one(count, h, size, base, changes, course.changing, act, sen, q, w)
+            return
+        if course.limited:
+            past_limits(course.kind, course.dry, count, h, size, act, q, w)
+        elif course.moving:
+            together(course.kind, course.dry, count, h, size, course.held, act, q, w)
+        else:
+            held(count, h, q, w)
+        if course.moving:
+            for i in range(ni * L):
+                w[GIVEN + i] = w[LEVEL + i] + w[GAP + i]
+
+    @inlined
+    def play_now(j, size, course, log, room):
+        """What an actuator without memory gives at a sample pushes a sensor behind play to one side."""
+        if course.late.gapped and not (log.interpolated or room.dynamic[0]):
+            back = j - room.whole[0] - (1 if room.part[0] > 0.0 else 0)
+            for l in range(size):
+                sample = within(room.begins[l] + back, room.lows[l], room.highs[l])
+                room.lanes[GIVEN + l] = room.targets[0, sample]
+
+    @inlined
+    def run(group, base, changes, act, sen, q, course, log, spans, room, out):
+        """Run the windows in the lanes from their starts."""
+        late, size = course.late, group.size
+        for l in range(L):
+            start, low, high = room.begins[l], room.lows[l], room.highs[l]
+            begin(l, start, low, high, late, base, changes, course.changing, act, sen, q, log, room)
+        for j in range(group.wanted + late.longest + 1):
+            play_now(j, size, course, log, room)
+            show(j, 0.0, group, q, course, log, spans, room, out)
+            if j - late.longest >= group.wanted - 1:
+                break
+            for piece in range(ni + no + 1):
+                edge, end = room.edges[piece], room.edges[piece + 1]
+                if end > edge:
+                    cross_piece(j, edge, end, size, base, changes, act, sen, q, course, log, room)
+                    if end < 1.0:  # what senses at its end, the next interval shows
+                        show(j, end, group, q, course, log, spans, room, out)
+
     def simulate(sets, log, spans, fineness, room, out):
-        w, step = room.lanes, log.step
         for row in range(len(sets.base)):
             base, changes, act, sen = sets.base[row], sets.changes[row], sets.act[row], sets.sen[row]
             q = Numbers(parameters(base), sets.frc[row], sets.curves[row])
-            changing = is_bent(q.curves)
-            for k in range(np_):
-                change_row = change_effects.unpack(changes[k])
-                changing = changing or change_row.step_change != 0.0 or change_row.drift_rate != 0.0
-            kind, dry = acting(q)
-            late = lateness(sen, log, room)
-            dynamic, limited = drive(act, q.curves, late.latest, log, room)
-            alone = changing or late.filtering
-            held_inputs = not (log.interpolated or dynamic)
-            moving = not held_inputs or kind != PLAIN
-            for k in range(nf):
-                force = forces.unpack(q.forces[k])
-                if force.hysteresis_force != 0.0:
-                    forces.bend_along(log.path[k], log.episodes, force, room.bent[k])
-            room.edges[ni + no], room.edges[ni + no + 1] = 0.0, 1.0
-            sort(room.edges)
-            substeps = fine_steps(q, log, spans, fineness, room)
-            for group in range(0, len(spans.starts), L):
-                size = min(L, len(spans.starts) - group)
-                samples = place_lanes(group, size, spans, room)
+            course = course_of(changes, act, sen, q, log, spans, fineness, room)
+            for first in range(0, len(spans.starts), L):
+                size = min(L, len(spans.starts) - first)
+                samples = place_lanes(first, size, spans, room)
                 # Where sensors are late by different times, the start is guessed, run to what they show, and
                 # corrected.
-                for left in range(CORRECTIONS if late.uneven else 0, -1, -1):
+                for left in range(CORRECTIONS if course.late.uneven else 0, -1, -1):
                     wanted, seen = (samples, sen) if left == 0 else (1, room.unbounded)
-                    for l in range(L):
-                        begin(
-                            l, room.begins[l], room.lows[l], room.highs[l], late, base, changes, changing,
-                            act, sen, q, log, room,
-                        )  # fmt: skip
-                    for j in range(wanted + late.longest + 1):
-                        if late.gapped and not (log.interpolated or room.dynamic[0]):
-                            back = j - room.whole[0] - (1 if room.part[0] > 0.0 else 0)
-                            for l in range(size):
-                                sample = within(room.begins[l] + back, room.lows[l], room.highs[l])
-                                w[GIVEN + l] = room.targets[0, sample]
-                        if late.aligned:
-                            write_aligned(j, size, group, spans, log, q, seen, w, out[row])
-                        for o in range(0 if late.aligned else no):
-                            if room.ahead_part[o] == 0.0 and 0 <= j - room.ahead[o] < wanted:
-                                time = j * step - late.latest
-                                write(
-                                    j - room.ahead[o], o, size, group, spans, log, time, q, seen, w, out[row]
-                                )
-                        if j - late.longest >= wanted - 1:
-                            break
-                        for piece in range(ni + no + 1):
-                            edge, end = room.edges[piece], room.edges[piece + 1]
-                            if end - edge <= 0.0:
-                                continue
-                            count = steps_in(end - edge, substeps)
-                            h = (end - edge) * step / count
-                            for l in range(L):
-                                w[CLOCK + l] = ((room.begins[l] + j) + edge) * step - late.latest
-                            if len(log.disturbance) > 0:
-                                for k in range(nf):
-                                    for l in range(L):
-                                        sample = min(room.begins[l] + j, room.highs[l])
-                                        w[EXTRA + k * L + l] = log.disturbance[sample, k]
-                            aim(j, edge, moving, alone, limited, act, log, room)
-                            if alone:
-                                one_by_one(count, h, size, base, changes, changing, act, sen, q, w)
-                            elif limited:
-                                past_limits(kind, dry, count, h, size, act, q, w)
-                            elif moving:
-                                together(kind, dry, count, h, size, held_inputs, act, q, w)
-                            else:
-                                held(count, h, q, w)
-                            if moving and not alone:
-                                for i in range(ni * L):
-                                    w[GIVEN + i] = w[LEVEL + i] + w[GAP + i]
-                            for o in range(no):
-                                at_end = room.ahead_part[o] > 0.0 and end == room.ahead_part[o]
-                                if at_end and 0 <= j - room.ahead[o] < wanted:
-                                    time = (j + end) * step - late.latest
-                                    write(
-                                        j - room.ahead[o],
-                                        o,
-                                        size,
-                                        group,
-                                        spans,
-                                        log,
-                                        time,
-                                        q,
-                                        seen,
-                                        w,
-                                        out[row],
-                                    )
+                    group = Group(first, size, wanted, seen)
+                    run(group, base, changes, act, sen, q, course, log, spans, room, out[row])
                     if left > 0:
-                        for l in range(L):
-                            window = group + min(l, size - 1)
-                            for i in range(ns):
-                                o = own[i]
-                                if (
-                                    o >= 0
-                                    and log.measured[o]
-                                    and sensors.unpack(sen[o]).lag_time_constant == 0.0
-                                ):
-                                    room.states[l, i] += spans.states[window, i] - out[row, window, 0, o]
+                        correct(first, size, sen, log, spans, room, out[row])
 
     return m.kernel(simulate)
 
 
-def _any_on(curves: list[CurveAt], inlined: Made) -> Made:
-    """``(curves)``: whether any of a row of curves is on."""
-    if not curves:
-
-        @inlined
-        def none(_curves):
-            return False
-
-        return none
-    start, stop, before = curves[-1].start + curves[-1].head, curves[-1].stop, _any_on(curves[:-1], inlined)
-
-    @inlined
-    def any_on(curves):
-        on = before(curves)
-        for k in range(start, stop):
-            on = on or curves[k] != 0.0
-        return on
-
-    return any_on
-
-
-def _unbent(curves: list[CurveAt], m: Facts) -> Made:
+def _unbent(m: Facts) -> Made:
     """``(clock, s, u, sen, curves)``: true states of what sensors with curves show."""
-    less = _less([c for c in curves if c.state != NONE], m)
-    if not any(c.state != NONE for c in curves):
-
-        @m.inlined
-        def same(_clock, s, _u, _sen, _curves):
-            return s
-
-        return same
+    curves = [c for c in m.at("sensor") if c.state != NONE]
+    less, count = _less(curves, m), CURVED if curves else 0
 
     @m.inlined
     def unbend(clock, shown, u, sen, curves):
         s = shown
-        for _ in range(CURVED):
+        for _ in range(count):
             s = less(clock, shown, s, u, sen, curves)
         return s
 
