@@ -274,33 +274,33 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
             write_f(w, BRISTLE + l, b)
 
     @block
-    def write(at, output, size, group, spans, log, time, q, sen, w, out):
+    def write(at, output, size, group, starts, lengths, command, step, play_scale, time, q, sen, w, out):
         """What a sensor measures of every lane at a sample, of whose own command it may depend."""
         row = sensors.unpack(sen[output])
         straight, slow = sensors.is_straight(row), row.lag_time_constant > 0.0
         for l in range(size):
             window = group + l
-            if at >= spans.lengths[window]:
+            if at >= lengths[window]:
                 continue
-            sample = spans.starts[window] + at
-            t = time + spans.starts[window] * log.step
-            z = observed(t, read_s(w, STATE + l), one_i(log.command[sample], 0), q)
+            sample = starts[window] + at
+            t = time + starts[window] * step
+            z = observed(t, read_s(w, STATE + l), one_i(command[sample], 0), q)
             value = w[SLOW + output * L + l] if slow else z[output]
             if straight:
-                out[window, at, output] = sensors.straight(value, sample * log.step, row)
+                out[window, at, output] = sensors.straight(value, sample * step, row)
             else:
-                play = sensors.play(w[GIVEN + l], log.play, row)
-                out[window, at, output] = sensors.measured(value, sample * log.step, play, row)
+                play = sensors.play(w[GIVEN + l], play_scale, row)
+                out[window, at, output] = sensors.measured(value, sample * step, play, row)
 
     @block
-    def write_aligned(at, size, group, spans, log, q, sen, w, out):
+    def write_aligned(at, size, group, starts, lengths, command, step, q, sen, w, out):
         """As ``write`` for all outputs at once, where every sensor is straight and none is late."""
         for l in range(size):
             window = group + l
-            if at < spans.lengths[window]:
-                sample = spans.starts[window] + at
-                clock = sample * log.step
-                z = observed(clock, read_s(w, STATE + l), one_i(log.command[sample], 0), q)
+            if at < lengths[window]:
+                sample = starts[window] + at
+                clock = sample * step
+                z = observed(clock, read_s(w, STATE + l), one_i(command[sample], 0), q)
                 for o in range(no):
                     out[window, at, o] = sensors.straight(z[o], clock, sensors.unpack(sen[o]))
 
@@ -546,14 +546,16 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
     @inlined
     def show(j, share, group, q, course, log, spans, room, out):
         """Write what the sensors show that sense at a share of the j-th interval; 0 for its start."""
-        late, size, w = course.late, group.size, room.lanes
-        time = (j + share) * log.step - late.latest
+        late, first, size, w = course.late, group.first, group.size, room.lanes
+        starts, lengths, command, step = spans.starts, spans.lengths, log.command, log.step
         if late.aligned and share == 0.0:
-            write_aligned(j, size, group.first, spans, log, q, group.sen, w, out)
+            write_aligned(j, size, first, starts, lengths, command, step, q, group.sen, w, out)
         for o in range(0 if late.aligned else no):
-            at = j - room.ahead[o]
+            at, time = j - room.ahead[o], (j + share) * step - late.latest
             if room.ahead_part[o] == share and 0 <= at < group.wanted:
-                write(at, o, size, group.first, spans, log, time, q, group.sen, w, out)
+                write(
+                    at, o, size, first, starts, lengths, command, step, log.play, time, q, group.sen, w, out
+                )  # fmt: skip
 
     @inlined
     def correct(group, size, sen, log, spans, room, out):
@@ -608,17 +610,16 @@ def simulate_of(m: Facts, equations: Equations, events: Events, intervals: Inter
         for l in range(L):
             start, low, high = room.begins[l], room.lows[l], room.highs[l]
             begin(l, start, low, high, late, base, changes, course.changing, act, sen, q, log, room)
-        for j in range(group.wanted + late.longest + 1):
+        for j in range(group.wanted + late.longest):
             play_now(j, size, course, log, room)
-            show(j, 0.0, group, q, course, log, spans, room, out)
-            if j - late.longest >= group.wanted - 1:
-                break
             for piece in range(ni + no + 1):
                 edge, end = room.edges[piece], room.edges[piece + 1]
-                if end > edge:
-                    cross_piece(j, edge, end, size, base, changes, act, sen, q, course, log, room)
-                    if end < 1.0:  # what senses at its end, the next interval shows
-                        show(j, end, group, q, course, log, spans, room, out)
+                if end <= edge:
+                    continue
+                show(j, edge, group, q, course, log, spans, room, out)
+                if j == group.wanted + late.longest - 1:
+                    break
+                cross_piece(j, edge, end, size, base, changes, act, sen, q, course, log, room)
 
     def simulate(sets, log, spans, fineness, room, out):
         for row in range(len(sets.base)):
