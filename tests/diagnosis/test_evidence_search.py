@@ -94,7 +94,7 @@ def test_a_cause_is_seen_by_errors_in_one_direction_out_of_many():
     assert by_the_weights[0] - by_the_weights[1] < 15.0
 
 
-@pytest.mark.parametrize("drift", [0.0, 0.5])
+@pytest.mark.every("drift", [0.0, 0.5])
 def test_a_slow_zero_is_part_of_the_evidence_where_there_is_one(drift):
     walk = drift * np.cumsum(np.random.default_rng(5).standard_normal(2000)) / math.sqrt(2000)
     measured = record(1)
@@ -110,7 +110,7 @@ def test_a_slow_zero_is_part_of_the_evidence_where_there_is_one(drift):
     assert evidence.of(candidates.problem, fitted).value <= min(still, slow) + 0.1
 
 
-@pytest.mark.parametrize("size", [0.0, 0.03, 0.06, 0.1, 0.3])
+@pytest.mark.every("size", [0.0, 0.03, 0.06, 0.1, 0.3])
 def test_paces_are_the_likeliest_that_no_neighbour_outdoes(size):
     """By the density of what is measured itself: of two sensors, whose zeros share what is fitted."""
     rng, windows = np.random.default_rng(5), 60
@@ -171,7 +171,7 @@ def test_probabilities_are_shares_of_the_sets_that_both_records_leave():
     assert scores["drag", "slope"] > scores["drag",]  # a number more that brings nothing has its price
 
 
-@pytest.mark.parametrize("spread", [0.0, 2.0, 8.0])
+@pytest.mark.every("spread", [0.0, 2.0, 8.0])
 def test_certainty_is_what_other_blocks_of_the_records_would_leave_of_it(spread):
     """By the integral over how a sum over 400 resampled blocks varies about six nats; its error is 0.02."""
     rng = np.random.default_rng(9)
@@ -196,7 +196,7 @@ def test_a_set_costs_its_numbers_and_what_was_tried():
     assert search.price_of_curve(curve, 3) == pytest.approx(3 * number + tried + math.log(10.0), abs=0.01)
 
 
-@pytest.mark.parametrize("again", [1.0, 0.4, 0.0])
+@pytest.mark.every("again", [1.0, 0.4, 0.0])
 def test_what_one_record_shows_and_another_does_not_is_not_of_the_machine(again):
     """A push of 0.04 m/s2, 10 times its standard error; in the test all, less than half or nothing of it."""
 
@@ -227,7 +227,7 @@ def test_a_gain_is_foreseen_whatever_size_an_effect_usually_has():
     assert foreseen[1] == pytest.approx(foreseen[0], rel=0.2)
 
 
-@pytest.mark.parametrize(("memory", "rates", "share"), [(0.95, (0.55, 0.6), 1.0), (0.0, (0.0, 0.3), 0.75)])
+@pytest.mark.every("memory, rates, share", [(0.95, (0.55, 0.6), 1.0), (0.0, (0.0, 0.3), 0.75)])
 def test_noise_is_as_large_where_nothing_moves(memory, rates, share):
     """Errors above a sensor's white noise leave doubt only where they grow with the movement."""
     rng = np.random.default_rng(6)
