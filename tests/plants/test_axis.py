@@ -145,6 +145,14 @@ def test_several_effects_act_in_the_documented_order(name, effects, agree_on_a_b
     agree_on_a_bench(name, chosen, begins, tolerance=2e-3)
 
 
+def test_whether_friction_holds_an_axis_does_not_depend_on_a_bristle(agree_on_a_bench):
+    """Beside friction that often holds it; counted as a drive, the bristle would set it free."""
+    force = 0.4 * get_bench("rig").sizes.u
+    bristle = {"force": force, "distance": 0.02}
+    effects = {"coulomb_friction": {"force": force}, "hysteresis": bristle}
+    agree_on_a_bench("rig", effects, begins=(0,), tolerance=2e-4)
+
+
 @pytest.mark.every("sign", [-1.0, 1.0])
 def test_a_limited_torque_brakes_against_its_error(sign, agree):
     """A joint that runs fast towards its set-point is braked at the limit: a parabola, in closed form."""
