@@ -23,7 +23,7 @@ class Chamber(fg.Machine):
     loss = fg.number("W/K", 10.0, 0.1, 1e3)
     effects = (*fg.effects.actuator("heat"), *fg.effects.sensor("air"), WALL)
 
-    def derivative(self, state, input, p):  # noqa: A002
+    def derivative(self, state, input, p):
         """Rates of air and wall."""
         through = p.wall_conductance * (state.air - state.wall)
         lost = p.loss * (state.air - input.ambient)
