@@ -167,10 +167,6 @@ def _with_test(
     while (lead := min(totals, key=lambda one: totals[one])) not in seen:
         seen.add(lead)
         here, own = tested(lead)
-        if search.score(lead) > search.score(order[0]) + NEAR:  # which the search has left behind
-            search.exchange(lead)
-            for one in _neighbours(search, lead):
-                totals[one] = min(totals.get(one, math.inf), search.score(one) + tested(one)[1])
         for part in search.sets.parts(lead):
             there, without = tested(part)
             apart = 0.5 * float(np.sum(((here.raw - there.raw) @ here.whitener.T) ** 2))
@@ -181,13 +177,6 @@ def _with_test(
             total = totals[lead] + fewer - float(lacking)
             totals[part] = min(totals.get(part, math.inf), total)
     return totals, blocks
-
-
-def _neighbours(search: Search, lead: Hypothesis) -> list[Hypothesis]:
-    """Sets with another member in the place of one of a set's, and about as likely in training."""
-    members, bound = {*lead.names, *lead.setting.labels}, search.score(lead) + TOLD
-    others = [(one, {*one.names, *one.setting.labels}) for one in search.sets if search.score(one) < bound]
-    return [one for one, own in others if len(members - own) == len(own - members) == 1]
 
 
 def _over(blocks: IntArray, windows: FloatArray) -> FloatArray:

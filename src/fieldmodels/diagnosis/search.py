@@ -142,21 +142,17 @@ class Search:
             other = next((n for n in order if bool(n.curves) != bool(lead.curves)), None)
             near = [other] if other is not None and self.score(other) < least + NEAR else []
             for one in (lead, *near):
-                self.exchange(one)
+                if one.exchanged:
+                    continue
+                one.exchanged = True
+                members: list[str | Scored] = [*one.names, *one.curves]
+                for member in members:
+                    rest = self.sets.without(one, member, self.marginal(one).whitener)
+                    self._instead(one, rest)
+                    self._grown(rest, 1 if rest.curves else BESIDE_CURVES, 1)
+                self._grown(one, BESIDE_CURVES, 1)
             if least < self.score(self.best) + 0.01:
                 break
-
-    def exchange(self, one: Hypothesis) -> None:
-        """Fit the sets without each member of a set, with others in its place, and with others beside it."""
-        if one.exchanged:
-            return
-        one.exchanged = True
-        members: list[str | Scored] = [*one.names, *one.curves]
-        for member in members:
-            rest = self.sets.without(one, member, self.marginal(one).whitener)
-            self._instead(one, rest)
-            self._grown(rest, 1 if rest.curves else BESIDE_CURVES, 1)
-        self._grown(one, BESIDE_CURVES, 1)
 
     def _grown(
         self, one: Hypothesis, names: int | None = None, curves: int | None = None
